@@ -8,7 +8,14 @@ from pathlib import Path
 import click
 
 from marsexplorer.evaluation import RULES
-from research.difference.answers import DATA, RULE_RESULTS, read_records, read_stored, table
+from research.difference.answers import (
+    DATA,
+    RULE_RESULTS,
+    read_records,
+    read_stored,
+    reasons,
+    table,
+)
 from research.difference.design import PARTS, Training
 from research.difference.held_out import play_rule
 from research.paper.jobs import run_jobs, write_lines
@@ -43,7 +50,7 @@ def main(
         fields = [{**vars(training), "moves": moves} for training in trainings]
         trainings = [Training(**training_fields) for training_fields in fields]
     if is_table:
-        click.echo(table(read_stored()))
+        click.echo(f"{table(read_stored())}\n\n{reasons(read_stored())}")
     elif is_list:
         for training in trainings:
             click.echo(f"{training.name}{': done' if training.is_done(out) else ''}")

@@ -11,9 +11,8 @@ from textwrap import fill
 from typing import Any
 
 from research.difference.design import SEEDS, Training
-from research.paper.figures.drawing import per_cent
 from research.paper.jobs import read_lines
-from research.paper.tables import Estimate, low_to_high
+from research.paper.tables import Estimate, low_to_high, per_cent, tenths, without_constants
 
 DATA = Path(__file__).parent / "data" / "trainings.jsonl"
 RULE_RESULTS = DATA.with_name("rules.jsonl")
@@ -145,26 +144,42 @@ def kind_of(training: Training) -> tuple[str, ...]:
 
 
 def table(records: Records) -> str:
-    """Return the answers as two tables in Markdown."""
+    """What the trainings came to, as a table in Markdown."""
     head = ["level", "passes", "world", "estimates", "leaving", "seeds", "moves"]
-    rows = [[*head, *COLUMNS, *HELD_OUT, "sweeps"], ["---"] * 14]
+    rows = []
     ordered = sorted(records.values(), key=lambda record: kind_of(record.training), reverse=True)
     for kind, group in groupby(ordered, lambda record: kind_of(record.training)):
         same_kind = list(group)
         moves = min(record.lines[-1]["moves"] for record in same_kind)
-        columns = [low_to_high([record.last(name) for record in same_kind]) for name in COLUMNS]
+        columns = [
+            low_to_high([record.last(name) for record in same_kind], per_cent) for name in COLUMNS
+        ]
         results = [record.result for record in same_kind if record.result]
         for name in HELD_OUT:
             shares = [result[name] for result in results]
-            columns.append(low_to_high(shares, "{:.3f}".format) if results else "")
+            columns.append(low_to_high(shares, tenths) if results else "")
         is_sweep = sweeps([record.last("coverage") for record in same_kind])
         rows.append([*kind, str(len(same_kind)), f"{moves:,}", *columns, "yes" if is_sweep else ""])
-    effects = [["factor", "effect on coverage", "verdict"], ["---"] * 3]
-    measured = {factor: effect_of(factor, records) for factor in LEVELS}
-    for factor, effect in {**measured, "passes": effect_of_passes(records)}.items():
+    return without_constants([*head, *COLUMNS, *HELD_OUT, "sweeps"], rows)
+
+
+FACTORS = {
+    "world": "the world",
+    "estimates": "the discount and lambda",
+    "leaving": "what leaving the grid costs",
+    "passes": "the gradient steps",
+}
+"""Factor -> what the page calls it."""
+
+
+def reasons(records: Records) -> str:
+    """Which factors make the difference, with their effects, as a list in Markdown."""
+    by_verdict: dict[str, list[str]] = {}
+    effects = {factor: effect_of(factor, records) for factor in LEVELS}
+    for factor, effect in {**effects, "passes": effect_of_passes(records)}.items():
         size = effect.span("{:+.2f}") if effect is not None else "not all finished"
-        effects.append([factor, size, verdict(effect)])
-    return "\n\n".join("\n".join(f"|{'|'.join(row)}|" for row in part) for part in (rows, effects))
+        by_verdict.setdefault(verdict(effect), []).append(f"{FACTORS[factor]} {size}")
+    return "\n".join(f"- {words}: {'; '.join(factors)}" for words, factors in by_verdict.items())
 
 
 MAJORITY = 0.5
@@ -183,10 +198,13 @@ def in_short(records: Records) -> str:
     full = finished(records, world="code", estimates="code", passes="full")
     if not full or not all(letter.values()):
         return ""
-    covered = {world: low_to_high(results_of(group, "coverage")) for world, group in letter.items()}
+    covered = {
+        world: low_to_high(results_of(group, "coverage"), per_cent)
+        for world, group in letter.items()
+    }
     completed = low_to_high(results_of(letter["text"], "explored"), per_cent)
     with_u, explored, left = (
-        ", ".join(f"{100 * share:g}" for share in results_of(full, name))
+        ", ".join(f"{100 * share:.1f}" for share in results_of(full, name)) + "\N{NO-BREAK SPACE}%"
         for name in ("clean_u", "explored", "out_of_bounds")
     )
     makers = sum(share > MAJORITY for share in results_of(full, "clean_u"))
@@ -194,10 +212,9 @@ def in_short(records: Records) -> str:
         f"On terrains kept apart, of the level of the videos, PPO by the letter in light passes covers "
         f"{covered['text']} of the text's world and completes {completed} of its terrains; of the code's it covers "
         f"{covered['code']}. With the code's discount and lambda and as many gradient steps as the authors' it "
-        f"covers {low_to_high(results_of(full, 'coverage'))} of the code's. A U without going back, as in the "
-        f"videos, is what most episodes of {makers} of these {len(full)} seeds make. By seed, "
-        f"{with_u}\N{NO-BREAK SPACE}% make one, {explored}\N{NO-BREAK SPACE}% complete the terrain and "
-        f"{left}\N{NO-BREAK SPACE}% leave the grid."
+        f"covers {low_to_high(results_of(full, 'coverage'), per_cent)} of the code's. A U without going back, as in the "
+        f"videos, is what most episodes of {makers} of these {len(full)} seeds make. By seed, {with_u} make one, "
+        f"{explored} complete the terrain and {left} leave the grid."
     )
     return fill(sentences, 110, break_on_hyphens=False).replace("\N{NO-BREAK SPACE}", " ")
 

@@ -21,6 +21,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "paper.md"
+TRAININGS = PAGE.with_name("paper-trainings.md")
 PAPER, DIFFERENCE = ROOT / "research/paper/data", ROOT / "research/difference/data"
 T = {2: 4.302652729911275, 5: 2.570581835636314, 99: 1.9842169515086827}
 """Degrees of freedom -> the two-sided 95 % quantile of Student's t."""
@@ -69,10 +70,10 @@ def with_half(numbers: Sequence[float], digits: int = 3) -> tuple[str, str]:
     return f"{fmean(numbers):.{digits}f}", f"{half_of(numbers):.{digits}f}"
 
 
-def between(numbers: Iterable[float]) -> tuple[str, ...]:
-    """The smallest and the largest number; one if they are equal."""
-    both = [*numbers]
-    return tuple(dict.fromkeys((f"{min(both):.2f}", f"{max(both):.2f}")))
+def between(shares: Iterable[float]) -> tuple[str, ...]:
+    """The smallest and the largest share in per cent; one if they are equal."""
+    both = [*shares]
+    return tuple(dict.fromkeys((f"{100 * min(both):.0f}", f"{100 * max(both):.0f}")))
 
 
 def last_scores(algorithm: str, moves: int) -> tuple[str, str]:
@@ -152,7 +153,7 @@ def is_clean(course: str) -> bool:
 def walk_share(null: str) -> tuple[str]:
     """The share of a U that never goes back of walks that nobody trained."""
     (walks,) = (line for line in read(PAPER / "figure6-null.jsonl") if line["null"] == null)
-    return (f"{fmean(map(is_clean, walks['courses'])):.2f}",)
+    return (f"{100 * fmean(map(is_clean, walks['courses'])):.0f}",)
 
 
 def commonest(policy: str) -> tuple[str, ...]:
@@ -179,7 +180,7 @@ def knees(policy: str) -> tuple[str, ...]:
     for size in (42, 84):
         reached = of_size(policy, size)["reached"]
         pairs = zip(reached["90"], reached["99"], strict=True)
-        texts += with_half([(whole - before) / whole for before, whole in pairs if whole], 2)
+        texts += with_half([100 * (whole - before) / whole for before, whole in pairs if whole], 0)
     return tuple(texts)
 
 
@@ -273,7 +274,7 @@ def held_out(column: str) -> tuple[str, ...]:
         if line["training"].items() >= wanted.items()
     ]
     lines.sort(key=lambda line: line["training"]["seed"])
-    return tuple(f"{100 * line['result'][column]:g}" for line in lines)
+    return tuple(f"{100 * line['result'][column]:.1f}" for line in lines)
 
 
 def verdicts() -> tuple[str, ...]:
@@ -285,7 +286,7 @@ def verdicts() -> tuple[str, ...]:
 
 NUMBER = r"([+-]?\d+(?:\.\d+)?)"
 PAIR, RANGE = rf"{NUMBER} ± {NUMBER}", rf"{NUMBER} to {NUMBER}"
-EFFECT = rf"\|{NUMBER} \({NUMBER} to {NUMBER}\)\|"
+EFFECT = rf" {NUMBER} \({NUMBER} to {NUMBER}\)"
 FIVE = " ".join([NUMBER] * 5)
 
 
@@ -366,7 +367,7 @@ FIGURES = (
     Figure(
         "a U of the rule",
         row("hilbert"),
-        f"`frontier-cost` {RANGE}; `frontier-u",
+        f"`frontier-cost` {RANGE} %; `frontier-u",
         lambda: between(clean_shares("frontier-cost")),
     ),
     Figure(
@@ -381,7 +382,7 @@ FIGURES = (
     Figure(
         "collided",
         row("dexterous"),
-        f"`ppo-paper-21-s2` {RANGE} and {NUMBER}",
+        f"`ppo-paper-21-s2` {RANGE} % and {NUMBER} %",
         lambda: collided_and_completed("ppo-paper-21-s2"),
     ),
     Figure(
@@ -397,27 +398,32 @@ FIGURES = (
         lambda: ratios("ppo-earlier"),
     ),
     Figure(
-        "knee", row("knee"), f"`frontier-cost` {PAIR} and {PAIR}", lambda: knees("frontier-cost")
+        "knee",
+        row("knee"),
+        f"`frontier-cost` {PAIR} % and {PAIR} %",
+        lambda: knees("frontier-cost"),
     ),
     Figure(
         "knee of utility",
         row("knee"),
-        f"`frontier-utility` {PAIR} and {PAIR}",
+        f"`frontier-utility` {PAIR} % and {PAIR} %",
         lambda: knees("frontier-utility"),
     ),
-    Figure("no knee", row("no-knee"), f"`ppo-works` {PAIR} and {PAIR}", lambda: knees("ppo-works")),
+    Figure(
+        "no knee", row("no-knee"), f"`ppo-works` {PAIR} % and {PAIR} %", lambda: knees("ppo-works")
+    ),
     Figure(
         "larger",
         row("scales"),
-        rf"`ppo-works` 100% in {NUMBER} and 100% in {NUMBER}",
+        rf"`ppo-works` 100 % in {NUMBER} and 100 % in {NUMBER}",
         lambda: (to_rule("ppo-works", "99", 42), to_rule("ppo-works", "99", 84)),
     ),
-    Figure("world", r"^\|world\|.*makes.*$", EFFECT, world_effect),
-    Figure("passes", r"^\|passes\|.*$", EFFECT, passes_effect),
+    Figure("world", r"^- makes the difference: .*$", f"the world{EFFECT}", world_effect),
+    Figure("passes", r"^- undecided: .*$", f"the gradient steps{EFFECT}", passes_effect),
     Figure(
         "code, full",
         r"^\|videos\|full\|code\|.*$",
-        rf"800,000\|{RANGE}\|",
+        rf"800,000\|{RANGE} %\|",
         lambda: between(
             last_five("coverage", world="code", passes="full", level="videos").values()
         ),
@@ -436,7 +442,7 @@ FIGURES = (
         lambda: (", ".join(held_out("explored")),),
         in_text=True,
     ),
-    Figure("reproduced", r"^\|what is implemented\|.*$", r"implemented\|(\d+)\|", verdicts),
+    Figure("reproduced", r"^Of \d+ definitions: .*$", r"(\d+) reproduced", verdicts),
 )
 """More than thirty, of stored trainings, episodes and walks."""
 
@@ -452,7 +458,7 @@ def on_the_page(figure: Figure, text: str) -> tuple[str, ...]:
 
 def compare() -> list[tuple[str, tuple[str, ...], tuple[str, ...]]]:
     """Each figure's name, its numbers on the page, and those derived here."""
-    text = PAGE.read_text()
+    text = PAGE.read_text() + TRAININGS.read_text()
     return [(figure.name, on_the_page(figure, text), tuple(figure.derive())) for figure in FIGURES]
 
 

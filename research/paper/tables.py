@@ -39,9 +39,9 @@ class Estimate:
         half = "" if isnan(self.high) else f" ± {self.high - self.mean:.{digits}f}"
         return f"{self.mean:.{digits}f}{half}{unit}"
 
-    def percent(self) -> str:
+    def percent(self, digits: int = 0) -> str:
         """A share in per cent with half of its interval, such as `95 ± 2 %`."""
-        return Estimate(100 * self.mean, 100 * self.low, 100 * self.high).text(0, " %")
+        return Estimate(100 * self.mean, 100 * self.low, 100 * self.high).text(digits, " %")
 
     def span(self, form: str) -> str:
         """The mean with its interval, such as `1.02 (1.00 to 1.05)`; "" if unknown."""
@@ -52,13 +52,37 @@ class Estimate:
 UNKNOWN = Estimate(nan, nan, nan)
 
 
+def per_cent(share: float, digits: int = 0) -> str:
+    """A share in per cent; only exactly 0 and 1 become 0 and 100."""
+    rounded, step = round(100 * share, digits), 10.0**-digits
+    if rounded == 100 and share < 1:
+        return f">{100 - step:.{digits}f} %"
+    return f"<{step:.{digits}f} %" if rounded == 0 and share > 0 else f"{rounded:.{digits}f} %"
+
+
+def tenths(share: float) -> str:
+    """A share in per cent with one digit: that of 200 terrains exactly."""
+    return per_cent(share, 1)
+
+
 def low_to_high(numbers: Sequence[float], text: Callable[[float], str] = "{:.2f}".format) -> str:
-    """The smallest and the largest of some numbers in words."""
+    """The smallest and the largest of some numbers in words, their % once."""
     low, high = text(min(numbers)), text(max(numbers))
-    return low if low == high else f"{low} to {high}"
+    return low if low == high else f"{low.removesuffix(' %')} to {high}"
 
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown, without a line break at its end."""
     first, *others = ("| " + " | ".join(cells) + " |" for cells in (columns, *rows))
     return "\n".join([first, "|---" * len(columns) + "|", *others])
+
+
+def without_constants(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table without its constant columns, which a line above it has."""
+    cells = dict(zip(columns, zip(*rows, strict=True), strict=True))
+    common = ", ".join(
+        f"{name} {column[0]}" for name, column in cells.items() if len({*column}) == 1
+    )
+    varying = {name: column for name, column in cells.items() if len({*column}) > 1}
+    table = markdown_table([*varying], [*zip(*varying.values(), strict=True)])
+    return f"In all rows: {common}.\n\n{table}" if common else table

@@ -28,6 +28,7 @@ from marsexplorer.training.config import RECIPES
 from marsexplorer.training.envs import EVALUATION_SEEDS
 from marsexplorer.training.ppo import TrainingRun, train
 from marsexplorer.training.run_folder import RunFolder
+from research.paper.tables import per_cent
 
 
 @dataclass(frozen=True)
@@ -221,7 +222,7 @@ def _show(results: list[SweepResult]) -> None:
         steps, completion, score, ratio = _figures(result)
         run = result.run
         setting = (run.config["level"], f"{run.config['rows']}x{run.config['cols']}", str(run.seed))
-        figures = (f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}")
+        figures = (per_cent(completion, 1), f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}")
         rows.append((run.name, *setting, *figures))
     columns = ["policy", "level", "size", "seed"]
     columns += ["completion", "steps to 99 %", "to rule", "mean score"]

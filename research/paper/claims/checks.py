@@ -27,6 +27,7 @@ from marsexplorer.rules import R_MOVE
 from marsexplorer.terrain import generate
 from research.paper.episodes.play import DIFFICULTIES, TERRAINS
 from research.paper.jobs import Line, write_lines
+from research.paper.tables import per_cent
 
 EPISODES = 40
 Cell = tuple[int, int]
@@ -277,8 +278,9 @@ PRINTED = 0.4273
 def shares() -> Finding:
     """The shares of section 3.2 follow from one another: 85.8, 50.04, 42.73 %."""
     low, high = 0.8575 * 0.50035, 0.8585 * 0.50045
-    measured = f"85.8 % times 50.04 % is {0.858 * 0.5004:.2%} ({low:.2%} to {high:.2%} with rounding), and "
-    measured += f"{100 * PRINTED:.2f} % is printed"
+    measured = f"85.8 % times 50.04 % is {per_cent(0.858 * 0.5004, 2)} ({per_cent(low, 2)} to "
+    measured += f"{per_cent(high, 2)} with rounding), and "
+    measured += f"{per_cent(PRINTED, 2)} is printed"
     return Finding(low <= PRINTED <= high, measured)
 
 
@@ -309,9 +311,7 @@ def table_1() -> Finding:
     """Grid 21x21, radius 6, done at 99 %."""
     config = EnvConfig()
     holds = (config.rows, config.cols, config.sensor_radius, config.beta) == (21, 21, 6, 0.99)
-    measured = (
-        f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {config.beta:.0%} "
-    )
+    measured = f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {per_cent(config.beta)} "
     measured += f"({config.target} cells); cut off after {config.limit} moves, of which the paper says nothing"
     return Finding(holds, measured)
 
@@ -332,7 +332,7 @@ def random_obstacles() -> Finding:
     inner = terrains[:, 3:-3, 3:-3].mean(0)
     every = {(height, width) for height in (1, 2, 3) for width in (1, 2, 3)}
     measured = f"all {len(every)} shapes of 1 to 3 cells a side occur; away from the edge each cell is blocked in "
-    measured += f"{inner.min():.0%} to {inner.max():.0%} of terrains"
+    measured += f"{per_cent(inner.min())} to {per_cent(inner.max())} of terrains"
     return Finding(every <= shapes and inner.min() > 0.5 * inner.max(), measured)
 
 
@@ -430,7 +430,10 @@ def discovered_obstacles(count: int = 100) -> Finding:
         worst = min(worst, float(np.corrcoef(discovered.ravel(), drawn_there.ravel())[0, 1]))
         lowest = min(lowest, float((discovered[often] / drawn_there[often]).min()))
     measured = f"not with their policy: the rule `frontier-cost` on 6 levels, {count} episodes each, discovered "
-    measured += f"{seen / there:.1%} of the obstacle cells, and the cell that it saw least often {lowest:.0%} of the times; "
+    measured += (
+        f"{per_cent(seen / there, 1)} of the obstacle cells, and the cell that it saw least often "
+    )
+    measured += f"{per_cent(lowest)} of the times; "
     measured += f"correlation over the cells of found and drawn at least {worst:.3f}"
     return Finding(worst > 0.95 and lowest > 0.5, measured)
 

@@ -91,12 +91,9 @@ def fast(page: str) -> Judgement:
     )
 
 
-PLAYERS = settled(
-    "no closed study with people exists yet; until then no figure has a human line",
-    PEOPLE,
-    "humanplay report",
-)
-FIGURE = "python -m research.paper --figure"
+PLAYERS = settled("no closed study with people exists yet", PEOPLE, "humanplay report")
+FIGURE = "--figure"
+"""What its command adds to `python -m research.paper`."""
 GENERALISATION = "python -m research.paper.generalisation"
 
 CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {

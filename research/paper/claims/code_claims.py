@@ -11,14 +11,9 @@ from collections.abc import Callable, Sequence
 from marsexplorer.intervals import wilson_interval
 from research.difference.answers import MAJORITY, Record, Records, finished, results_of
 from research.paper.claims.results import NOT_REPRODUCED, NOT_YET, PARTLY, UNDECIDED, Results
-from research.paper.tables import Estimate, low_to_high
+from research.paper.tables import Estimate, low_to_high, tenths
 
 MOST = 0.9
-
-
-def share_text(share: float) -> str:
-    """A share in per cent with one digit: that of 200 terrains exactly."""
-    return f"{100 * share:.1f} %"
 
 
 def on_one_level(shares: Sequence[float], least: tuple[float, float], is_full: bool) -> str:
@@ -46,7 +41,7 @@ def judged(results: Results, column: str, least: tuple[float, float], words: str
     records, is_full = trained(results.trainings)
     shares = results_of(records, column)
     verdict = on_one_level(shares, least, is_full)
-    return f"{verdict}: {words} in {low_to_high(shares, share_text)}" if shares else verdict
+    return f"{verdict}: {words} in {low_to_high(shares, tenths)}" if shares else verdict
 
 
 def generalises(results: Results) -> str:
@@ -64,7 +59,7 @@ def hilbert(results: Results) -> str:
         for line in rules
     ]
     low, high = (max(MAJORITY, *limits) for limits in zip(*intervals, strict=True))
-    words = ", ".join(f"`{line['policy']}` {share_text(line['clean_u'])}" for line in rules)
+    words = ", ".join(f"`{line['policy']}` {tenths(line['clean_u'])}" for line in rules)
     judgement = judged(results, "clean_u", (low, high), "a U without going back")
     return f"{judgement}; {words}"
 

@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from research.paper.claims.policy_claims import LEVEL as LARGE_LEVEL
+from research.paper.claims.policy_claims import SIZES
 from research.paper.claims.results import UNDECIDED, Results
 from research.paper.episodes.play import DIFFICULTIES
 from research.paper.jobs import write_text
@@ -29,10 +31,13 @@ class Needed:
     levels: Sequence[str]
     moves: int
     words: str
+    sides: Sequence[int] = (SIZE,)
 
 
 RANDOM = Needed((LEVEL,), PAPER_MOVES["ppo"], "PPO on `random`")
 LEVELS = Needed(DIFFICULTIES, LEVEL_MOVES, "PPO on the 12 levels")
+LARGE = Needed((LARGE_LEVEL,), LEVEL_MOVES, "PPO at 42x42 and 84x84", SIZES)
+"""As long as on the 12 levels: the paper does not say how long its trainings there are."""
 NEEDED: Mapping[str, Needed] = {
     "best": RANDOM,
     "second": RANDOM,
@@ -41,6 +46,7 @@ NEEDED: Mapping[str, Needed] = {
     "morphology-degrades": LEVELS,
     "hardest": LEVELS,
     "bonus-little": LEVELS,
+    "no-knee": LARGE,
 }
 """Finding -> what can decide it, if it is undecided; the others no training of PPO can."""
 
@@ -51,16 +57,24 @@ def seconds_of_an_update() -> float:
 
 
 def hours(needed: Needed, results: Results, seconds: float) -> float:
-    """Processor hours of what is not trained yet, finished or not."""
+    """Processor hours of what is not trained yet, finished or not.
+
+    An update takes as much longer as the grid has more cells.
+    """
     progress = [(record.trial, record.result["moves"]) for record in results.records]
     progress += [(line["trial"], line["moves"]) for line in results.unfinished]
-    moves = {(level, seed): 0 for level in needed.levels for seed in range(SEEDS)}
+    moves = {
+        (level, side, seed): 0
+        for level in needed.levels
+        for side in needed.sides
+        for seed in range(SEEDS)
+    }
     for trial, trained in progress:
-        place = trial.level, trial.seed
-        is_of_kind = (trial.algorithm, trial.variant, trial.size) == ("ppo", "appendix", SIZE)
+        place = trial.level, trial.size, trial.seed
+        is_of_kind = (trial.algorithm, trial.variant) == ("ppo", "appendix")
         if is_of_kind and place in moves:
             moves[place] = max(moves[place], min(trained, needed.moves))
-    left = len(moves) * needed.moves - sum(moves.values())
+    left = sum((needed.moves - done) * (side / SIZE) ** 2 for (_, side, _), done in moves.items())
     return left / MOVES_OF_AN_UPDATE * seconds / 3600
 
 

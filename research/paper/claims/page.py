@@ -24,14 +24,11 @@ from research.paper.claims.training_claims import BLOCKS
 from research.paper.figures import figure4, figure5, figure6, figure7
 from research.paper.jobs import write_text
 from research.paper.plan import records_of_figure
-from research.paper.tables import markdown_table
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGES = (DOCS / "paper.md", DOCS / "paper-trainings.md")
 PICTURES = DOCS / "pictures" / "paper"
-ROW = re.compile(
-    r"^\|`(?P<name>[a-z0-9-]+)`\|(?P<says>[^|]*)\|(?P<does>[^|]*)\|[^|]*\|[^|]*\|$", re.M
-)
+ROW = re.compile(r"^\|`(?P<name>[a-z0-9-]+)`\|(?P<says>[^|]*)\|[^|]*\|[^|]*\|$", re.M)
 FINDING = re.compile(
     r"^\|`(?P<name>[a-z0-9-]+)`\|(?P<says>[^|]*)\|[^|]*\|[^|]*\|[^|]*\|[^|]*\|$", re.M
 )
@@ -118,7 +115,7 @@ def redraw(text: str, results: Results) -> str:
 
     def row(match: re.Match[str]) -> str:
         measured, verdict = cells(match["name"], results)
-        return f"|`{match['name']}`|{match['says']}|{match['does']}|{measured}|{verdict}|"
+        return f"|`{match['name']}`|{match['says']}|{measured}|{verdict}|"
 
     def finding(match: re.Match[str]) -> str:
         name = match["name"]
@@ -152,32 +149,25 @@ def draw_block(name: str, text: str, results: Results) -> str:
     return pictures_as_markdown(figure, PICTURES) if kind == "pictures" else BLOCKS[name](results)
 
 
-IMPLEMENTED = "what is implemented"
-FOUND = "what was found"
-
-
 def summary(text: str, results: Results) -> str:
-    """How many definitions and findings of the paper have which verdict, as Markdown.
-
-    Under the table the findings are named, by verdict.
-    """
-    counts = {IMPLEMENTED: Counter[str](), FOUND: Counter[str]()}
+    """The findings by their verdict, and how many definitions have which, as Markdown."""
     findings: dict[str, list[str]] = {verdict: [] for verdict in VERDICTS}
-    for name in names_of(text):
-        kind = FOUND if name in FINDINGS else IMPLEMENTED
+    for match in FINDING.finditer(text):
+        name = match["name"]
+        code, _, _ = by_code(name, results).partition(":")
+        there = f"; in the code's world {code}" if code else ""
         verdict = CLAIMS[name].decide(results).verdict
-        counts[kind][verdict] += 1
-        if kind == FOUND:
-            findings[verdict].append(f"`{name}`")
-    table = markdown_table(
-        ("", *VERDICTS),
-        [
-            [kind, *(str(count[verdict] or "") for verdict in VERDICTS)]
-            for kind, count in counts.items()
-        ],
+        findings[verdict].append(f"- {match['says']} (`{name}`{there})")
+    definitions = Counter(
+        CLAIMS[name].decide(results).verdict for name in names_of(text) if name not in FINDINGS
     )
-    names = [f"- {verdict}: {', '.join(names)}" for verdict, names in findings.items() if names]
-    return "\n".join([table, "", "Of the findings, in the text's world:", "", *names])
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in definitions.most_common())
+    lists = [
+        "\n".join([f"**{verdict.capitalize()}**", "", *says])
+        for verdict, says in findings.items()
+        if says
+    ]
+    return "\n\n".join([*lists, f"Of {definitions.total()} definitions: {counts}."])
 
 
 def main() -> None:

@@ -42,7 +42,7 @@ from research.paper.episodes.scale import (
 )
 from research.paper.figures.figure7 import CONSTANT_PACE
 from research.paper.jobs import Line
-from research.paper.tables import Estimate, low_to_high
+from research.paper.tables import Estimate, low_to_high, per_cent
 
 DENSEST = ("3-2-1", "3-2-2")
 LEARNT, LETTER = "ppo", "ppo-paper-"
@@ -117,15 +117,20 @@ def hilbert(results: Results) -> Judgement:
             > max([0.5, *(by_rule[level].high for by_rule in rules.values() if level in by_rule)])
             for level, rate in rates.items()
         ]
-        shares = low_to_high([rate.mean for rate in rates.values()])
-        return f"{shares}, a majority and above both rules on {sum(held)}", held
+        shares = low_to_high([rate.mean for rate in rates.values()], per_cent)
+        return f"{shares} and {sum(held)}", held
 
     others = [
-        f"`{rule}` {low_to_high([rate.mean for rate in by_rule.values()] or [nan])}"
+        f"`{rule}` {low_to_high([rate.mean for rate in by_rule.values()] or [nan], per_cent)}"
         for rule, by_rule in rules.items()
     ]
-    others += [f"walks by `{walk['null']}` {never_back(walk).mean:.2f}" for walk in results.walks]
-    measure = "share of a U without going back on a level"
+    others += [
+        f"walks by `{walk['null']}` {per_cent(never_back(walk).mean)}" for walk in results.walks
+    ]
+    measure = (
+        "share of a U without going back on a level, and levels where it is a majority and above "
+        "both rules"
+    )
     return decided(measure, learners(results.plays[6]), judge, others)
 
 
@@ -139,7 +144,7 @@ def same_family(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
     every = [order for level_orders in orders for order in level_orders]
     common = max(set(every), key=every.count)
     shares = [level_orders.count(common) / len(level_orders) for level_orders in orders]
-    return low_to_high(shares), [share > 0.9 for share in shares]
+    return low_to_high(shares, per_cent), [share > 0.9 for share in shares]
 
 
 @of_learners("shares of the episodes there that collided and were completed")
@@ -153,7 +158,7 @@ def dexterous(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
         for outcome in ("collided", "explored")
     )
     pairs = zip(crashed, explored, strict=True)
-    return f"{low_to_high(crashed)} and {low_to_high(explored)}", [
+    return f"{low_to_high(crashed, per_cent)} and {low_to_high(explored, per_cent)}", [
         a < 0.05 and b > 0.9 for a, b in pairs
     ]
 
@@ -211,16 +216,16 @@ def less_distance(results: Results) -> Judgement:
     return decided(measure, {policy: policy for policy in scaled(results)[0]}, judge)
 
 
-def to_better_rule(group: Mapping[str, Line], policy: str, per_cent: int) -> Estimate:
+def to_better_rule(group: Mapping[str, Line], policy: str, share: int) -> Estimate:
     """A policy's moves to a share of the cells over those of the better rule there."""
     rules = (group[rule] for rule in RULES)
-    better = min(rules, key=lambda line: float(steps_of(line, per_cent).mean()))
-    return compare(group[policy], better, per_cent)
+    better = min(rules, key=lambda line: float(steps_of(line, share).mean()))
+    return compare(group[policy], better, share)
 
 
 def last_shares(rows: Sequence[ScaleRow]) -> str:
     """The share of the moves that the last per cents take, in words."""
-    return " and ".join(row.last_share.text(2) for row in rows)
+    return " and ".join(row.last_share.percent() for row in rows)
 
 
 def knee(results: Results) -> Judgement:
@@ -229,7 +234,7 @@ def knee(results: Results) -> Judgement:
     if not rules:
         return NOTHING
     held = [row.last_share.low > CONSTANT_PACE for rows in rules.values() for row in rows]
-    measure = f"share of the moves from 90 to 99 % of coverage ({CONSTANT_PACE:.2f} at a constant pace), 42x42 and 84x84"
+    measure = f"share of the moves from 90 to 99 % of coverage ({per_cent(CONSTANT_PACE)} at a constant pace), 42x42 and 84x84"
     words = (f"`{policy}` {last_shares(rows)}" for policy, rows in rules.items())
     return Judgement(f"{measure}: {'; '.join(words)}", partly(held))
 
@@ -255,7 +260,8 @@ def scales(results: Results) -> Judgement:
     def judge(rows: list[ScaleRow]) -> tuple[str, list[bool]]:
         ratios = (f"{row.to_rule.mean:.2f}" if row.to_rule.is_known else "no" for row in rows)
         texts = (
-            f"{row.completion:.0%} in {ratio}" for row, ratio in zip(rows, ratios, strict=True)
+            f"{per_cent(row.completion)} in {ratio}"
+            for row, ratio in zip(rows, ratios, strict=True)
         )
         completes = [row.completion > 0.9 for row in rows]
         return " and ".join(texts), completes + [row.to_rule.low < 1 for row in rows]

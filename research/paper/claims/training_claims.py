@@ -50,7 +50,6 @@ from research.paper.figures.curves import (
     points_of,
     rows_of,
 )
-from research.paper.figures.drawing import per_cent
 from research.paper.jobs import Line
 from research.paper.plan import (
     LEVEL,
@@ -60,7 +59,13 @@ from research.paper.plan import (
     SIZE,
     is_full,
 )
-from research.paper.tables import Estimate, low_to_high, markdown_table
+from research.paper.tables import (
+    Estimate,
+    low_to_high,
+    markdown_table,
+    per_cent,
+    without_constants,
+)
 from research.paper.trial import ENDINGS, HELD_OUT_TERRAINS, Trial
 
 
@@ -97,8 +102,8 @@ def generalises(results: Results) -> Judgement:
     if not trials:
         return NOTHING
     shares = {words: results_of(records, "completion") for words, records in trials.items()}
-    words = ", ".join(
-        f"{name} {Estimate.of(completions).percent()} and "
+    words = "; ".join(
+        f"{name}: {Estimate.of(completions).percent()} and "
         f"{Estimate.of(results_of(trials[name], 'steps')).text(0)}"
         for name, completions in shares.items()
     )
@@ -384,7 +389,8 @@ def millions(results: Results) -> Judgement:
     reached = [moves for record in letter if (moves := converged(record)) is not None]
     shorter = sum(not is_as_long(record) for record in letter)
     measured = (
-        f"as it works all seeds have completed {AIM:.0%} of their last 100 episodes after at most {', '.join(words)} moves; "
+        f"as it works all seeds have completed {per_cent(AIM)} of their last 100 episodes after at most "
+        f"{', '.join(words)} moves; "
         f"by the letter {len(reached)} of {len(letter)} trainings ever have; {shorter} of these are shorter than the paper's"
     )
     late = sum(moves >= MILLION for moves in reached)
@@ -582,27 +588,6 @@ def completion(results: Results, algorithm: str, variant: str) -> Estimate:
     return Estimate.of(results_of(of_kind(results, algorithm, variant, LEVEL), "completion"))
 
 
-def percent(share: Estimate) -> str:
-    """Return a share in per cent, nothing where it is not known."""
-    return share.percent() if share.is_known else ""
-
-
-def as_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table in Markdown; NONE_YET without rows."""
-    return markdown_table(columns, rows) if rows else NONE_YET
-
-
-def without_constants(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table without its constant columns, which a line above it has."""
-    cells = dict(zip(columns, zip(*rows, strict=True), strict=True)) if rows else {}
-    common = ", ".join(
-        f"{name} {column[0]}" for name, column in cells.items() if len({*column}) == 1
-    )
-    varying = {name: column for name, column in cells.items() if len({*column}) > 1}
-    table = as_table([*varying], [*zip(*varying.values(), strict=True)])
-    return f"In all rows: {common}.\n\n{table}" if common else table
-
-
 def trained(results: Results) -> str:
     """Return the table of figure 4's policies: by the letter, as they work, and tuned."""
     records = [
@@ -610,7 +595,8 @@ def trained(results: Results) -> str:
         for variant in (*TITLES, "appendix")
         for record in chosen(results.records, variant=variant, level=LEVEL, size=SIZE)
     ]
-    return without_constants(TABLE_COLUMNS, [cells_of(row) for row in rows_of(records)])
+    rows = [cells_of(row) for row in rows_of(records)]
+    return without_constants(TABLE_COLUMNS, rows) if rows else NONE_YET
 
 
 def levels_in_short(results: Results) -> str:
@@ -681,12 +667,14 @@ def ablations(results: Results) -> str:
                 for records in used
                 if records
             ]
-            cells = [f"`{change}`", *map(percent, others), "; ".join(dict.fromkeys(sizes))]
+            shares = (share.percent() if share.is_known else "" for share in others)
+            cells = [f"`{change}`", *shares, "; ".join(dict.fromkeys(sizes))]
             rows.append((NAMES[name], -lost, cells))
     columns = ("algorithm", "change", "works without it", "tuned without it")
     alone = ("the letter with it alone", "the letter without it", "seeds x terrains, moves")
     rows.sort(key=lambda row: row[:2])
-    return as_table((*columns, *alone), [[name, *cells] for name, _, cells in rows])
+    table = [[name, *cells] for name, _, cells in rows]
+    return markdown_table((*columns, *alone), table) if table else NONE_YET
 
 
 @cache
@@ -747,5 +735,6 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "unfinished": unfinished,
     "difference in short": lambda results: answers.in_short(results.trainings),
     "difference": lambda results: answers.table(results.trainings),
+    "reasons": lambda results: answers.reasons(results.trainings),
 }
 """Name of a drawn block of the document -> what draws it."""

@@ -165,11 +165,3 @@ def save(figure: Figure, path: Path) -> Path:
     with rc_context({"svg.hashsalt": "marsexplorer"}):
         figure.savefig(drawn, format="svg", metadata={"Date": None, "Creator": None})
     return write_text(path, PLACES.sub(lambda place: DIGITS.sub(r"\1", place[0]), drawn.getvalue()))
-
-
-def per_cent(share: float) -> str:
-    """A share in whole per cent; only exactly 0 and 1 become 0 and 100."""
-    rounded = round(100 * share)
-    if rounded == 100 and share < 1:
-        return ">99 %"
-    return "<1 %" if rounded == 0 and share > 0 else f"{rounded} %"

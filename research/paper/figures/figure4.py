@@ -45,10 +45,10 @@ from research.paper.figures.drawing import (
     legend,
     line_of,
     new_figure,
-    per_cent,
     plain,
     save,
 )
+from research.paper.tables import per_cent
 
 ROWS = {"score": "normalized score", "coverage": "coverage", "explored": "completion"}
 AXES = {"moves": "moves made in training (logarithmic)", "cpu_s": "CPU minutes of training"}

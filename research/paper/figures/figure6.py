@@ -52,14 +52,13 @@ from research.paper.figures.drawing import (
     legend,
     line_of,
     new_figure,
-    per_cent,
     plain,
     save,
     shade_rows,
     sorted_lines,
 )
 from research.paper.jobs import Job, Line, write_text
-from research.paper.tables import markdown_table
+from research.paper.tables import markdown_table, per_cent
 
 FIGURE = 6
 POLICIES = ("ppo", *RULES)
@@ -195,7 +194,7 @@ def quadrants_figure(plays: Sequence[Line], nulls: Sequence[Line]) -> Figure:
         plain(axes, title)
         shade_rows(axes, len(groups))
         axes.set(xlim=(-0.03, 1.03), xlabel="share of episodes, with its 95 % interval")
-        axes.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
+        axes.xaxis.set_major_formatter(lambda share, _: per_cent(share))
     names = [*map(_level_words, groups), *(NULLS[line["null"]] for line in nulls)]
     panels[0].set_yticks([*range(len(groups)), *null_rows], names)
     panels[0].set_ylim((null_rows or [len(groups) - 0.8])[-1] + 0.4, -0.6)
@@ -224,7 +223,7 @@ def table(plays: Sequence[Line], nulls: Sequence[Line]) -> str:
             line["outcomes"].get("explored", 0) / line["played"],
         )
         first = (line["policy"], line["level"], per_cent(explored), f"{line['steps']:.1f}")
-        last = (f"{100 * obstacles.found_share:.1f} %", f"{obstacles.distance:.3f}")
+        last = (per_cent(obstacles.found_share, 1), f"{obstacles.distance:.3f}")
         rows.append(
             [*first, *map(_rate_text, course_rates(line)), *last, str(len(obstacles.blind_spots))]
         )
@@ -307,7 +306,7 @@ def _key_to_maps(
     bar.outline.set_visible(False)
     for share in (0.05, 0.2, 0.5):
         if share <= square[0]:
-            area, label = share / square[0] * square[1] ** 2, f"{100 * share:.0f} %"
+            area, label = share / square[0] * square[1] ** 2, per_cent(share)
             panels[0].scatter([], [], area, marker="s", color=GREEN, label=label)
     panels[0].scatter([], [], 30, marker="x", color=RED, label="most obstacles here are missed")
     legend = figure.legend(

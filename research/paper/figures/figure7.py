@@ -44,14 +44,13 @@ from research.paper.figures.drawing import (
     legend,
     line_of,
     new_figure,
-    per_cent,
     plain,
     save,
     shade_rows,
     sorted_lines,
 )
 from research.paper.jobs import Job, Line, write_text
-from research.paper.tables import Estimate, markdown_table
+from research.paper.tables import Estimate, markdown_table, per_cent
 
 FIGURE = 7
 WIDTH = 9.6
@@ -168,7 +167,7 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
         steps.xaxis.set_major_formatter(lambda moves, _: f"{moves:,.0f}")
         steps.xaxis.set_minor_locator(NullLocator())
         shares.set(xlim=(0, 0.62))
-        shares.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
+        shares.xaxis.set_major_formatter(lambda share, _: per_cent(share))
         steps.set_yticks(range(len(levels)), [f"level {level}" for level in levels])
     panels[0][0].set_ylim(len(levels) - 0.5, -0.5)
     _legend(figure, policies)
@@ -219,7 +218,7 @@ def table(lines: Sequence[Line]) -> str:
         [
             *(row.policy, row.level, str(row.size), str(row.terrains), per_cent(row.completion)),
             *(row.steps.span("{:.1f}"), row.to_rule.span("{:.3f}"), row.to_informed.span("{:.3f}")),
-            row.last_share.span("{:.1%}"),
+            row.last_share.percent(1),
         ]
         for row in scale_rows(lines)
     ]

@@ -18,7 +18,7 @@ from research.paper.algorithms import ALGORITHMS, begin
 from research.paper.claims import checks, page, settings_table, training_claims
 from research.paper.claims.claims import CLAIMS, FINDINGS, fast
 from research.paper.claims.code_claims import by_code
-from research.paper.claims.hours import LEVELS, RANDOM, hours, to_decide
+from research.paper.claims.hours import LARGE, LEVELS, RANDOM, hours, to_decide
 from research.paper.claims.results import (
     FOLDER,
     NOT_REPRODUCED,
@@ -183,7 +183,7 @@ def test_a_finding_is_judged_in_the_codes_world_by_all_seeds(passes, shares, of_
 def test_the_codes_world_is_judged_with_its_shares_and_those_of_the_rules():
     words = by_the_code("hilbert", in_the_codes_world([0.1, 0.99, 0.1]))
     assert words == (
-        "undecided: a U without going back in 10.0 % to 99.0 %; "
+        "undecided: a U without going back in 10.0 to 99.0 %; "
         "`frontier-cost` 30.0 %, `frontier-utility` 60.0 %"
     )
     without_rules = Results(trainings=in_the_codes_world(ALWAYS))
@@ -216,7 +216,9 @@ def test_hours_are_of_what_is_not_trained_yet():
     begun = Results(unfinished=[{"trial": trial, "moves": 4_500_000}])
     assert hours(RANDOM, begun, 20.0) == pytest.approx(whole - 1125 * 20 / 3600)
     assert to_decide("best", UNDECIDED, begun).startswith("PPO on `random`: ")
-    assert to_decide("best", REPRODUCED, begun) == to_decide("no-knee", UNDECIDED, begun) == ""
+    assert to_decide("best", REPRODUCED, begun) == to_decide("millions", UNDECIDED, begun) == ""
+    # a grid of four and of sixteen times the cells, 200 updates and three seeds each
+    assert hours(LARGE, begun, 20.0) == pytest.approx(3 * 200 * (4 + 16) * 20 / 3600)
     # a training that ends takes no hours, and neither does one of another kind
     ended = trained("ppo", 0, [0.5], variant="appendix")
     light = trained("ppo", 1, [0.5])
@@ -805,7 +807,7 @@ def test_few_terrains_to_train_on_are_compared_with_new_ones_in_every_episode():
     ]
     judgement = CLAIMS["generalises"].decide(Results(records=records))
     assert judgement.verdict == PARTLY
-    words = "10 39 ± 2 % and 100 ± 0, 100 79 ± 2 % and 100 ± 0, 1,000 89 ± 2 % and 100 ± 0, unlimited 99 ± 2 %"
+    words = "10: 39 ± 2 % and 100 ± 0; 100: 79 ± 2 % and 100 ± 0; 1,000: 89 ± 2 % and 100 ± 0; unlimited: 99 ± 2 %"
     assert words in judgement.measured
     as_many = [replace(record, result=record.result | {"completion": 1.0}) for record in records]
     assert verdict_of("generalises", Results(records=as_many)) == UNDECIDED

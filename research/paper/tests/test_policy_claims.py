@@ -132,8 +132,8 @@ def test_the_hilbert_claim_needs_a_majority_and_more_than_the_rules_do():
     some.plays[6][-1] = played(LETTER, "3-2-2", onward=20)
     decision = CLAIMS["hilbert"].decide(some)
     assert decision.verdict == PARTLY
-    assert f"`{LETTER}` 0.20 to 0.97, a majority and above both rules on 11" in decision.measured
-    assert "walks by `nearest` 0.10" in decision.measured
+    assert f"`{LETTER}` 20 to 97 % and 11" in decision.measured
+    assert "walks by `nearest` 10 %" in decision.measured
 
 
 def test_one_family_is_one_order_of_quadrants():
