@@ -114,6 +114,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--curve", type=Path, help="CSV file to write: moves, mean score")
     parser.add_argument("--level", default="random")
     parser.add_argument("--size", type=int, default=21)
+    parser.add_argument("--preset", help="train in the authors' code instead, such as `videos`")
     parser.add_argument("--num-envs", type=int, default=64)
     parser.add_argument(
         "--rollout", type=int, default=64, help="moves of each environment between updates"
@@ -129,26 +130,32 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
+def make_envs(options: argparse.Namespace) -> gymnasium.vector.VectorEnv:
+    """The environments: of the paper's text, or of a preset of the authors' code."""
+    name = "KoutrasCode-v0" if options.preset else "MarsExplorer-v0"
+    text = {"level": options.level, "size": options.size, "autoreset_mode": "SameStep"}
+    return gymnasium.make_vec(
+        f"marsexplorer:{name}",
+        num_envs=options.num_envs,
+        vectorization_mode="vector_entry_point",
+        observation="uint8",
+        **({"preset": options.preset} if options.preset else text),
+    )
+
+
 def main() -> None:
     """Train and print the score; write the policy and play it beside `random`."""
     options = arguments()
     torch.manual_seed(options.seed)
-    envs = gymnasium.make_vec(
-        "marsexplorer:MarsExplorer-v0",
-        num_envs=options.num_envs,
-        vectorization_mode="vector_entry_point",
-        level=options.level,
-        size=options.size,
-        observation="uint8",
-        autoreset_mode="SameStep",
-    )
+    envs = make_envs(options)
+    counted = "coverage" if options.preset else "score"  # what an episode comes to
     rows, cols = envs.single_observation_space.shape
     agent = Agent(rows, cols)
     optimizer = torch.optim.Adam(agent.parameters(), lr=options.learning_rate, eps=1e-5)
 
     span, num = options.rollout, options.num_envs
     codes = torch.zeros((span, num, rows, cols), dtype=torch.uint8)
-    masks = torch.zeros((span, num, 4), dtype=torch.bool)
+    masks = torch.ones((span, num, 4), dtype=torch.bool)
     actions = torch.zeros((span, num), dtype=torch.long)
     log_probs, rewards, dones, values = (torch.zeros((span, num)) for _ in range(4))
 
@@ -159,7 +166,8 @@ def main() -> None:
             codes[t] = torch.from_numpy(
                 observations
             )  # a copy: the environment overwrites its codes at each step
-            masks[t] = torch.from_numpy(envs.unwrapped.action_masks())
+            if not options.preset:  # the authors' code has no masks
+                masks[t] = torch.from_numpy(envs.unwrapped.action_masks())
             with torch.no_grad():
                 distribution, values[t] = agent(codes[t], masks[t])
                 actions[t] = distribution.sample()
@@ -169,7 +177,7 @@ def main() -> None:
             dones[t] = torch.from_numpy(terminated | truncated).float()
             if "final_obs" in info:
                 ended = np.flatnonzero(info["_final_obs"])
-                scores += info["final_info"]["score"][ended].tolist()
+                scores += info["final_info"][counted][ended].tolist()
                 cut = np.flatnonzero(truncated)
                 if len(cut):
                     last = torch.from_numpy(np.stack(list(info["final_obs"][cut])))
@@ -213,14 +221,17 @@ def main() -> None:
         if scores:
             curve.append(f"{played},{recent}")
         print(
-            f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean score "
+            f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean {counted} "
             f"{recent}",
             flush=True,
         )
 
     if options.curve:
-        options.curve.write_text("\n".join(["moves,score", *curve, ""]))
+        options.curve.write_text("\n".join([f"moves,{counted}", *curve, ""]))
+    print(f"{time.process_time() / 60:.1f} processor minutes", flush=True)
     save(agent, rows, cols, options.out)
+    if options.preset:
+        return
     config = EnvConfig.of(options.level, options.size)
     for row in evaluate([str(options.out), "random"], config, 20, 10**9).rows:
         print(f"{row.policy}: mean score {row.score_mean:.3f}, {row.coverage_mean:.0%} mapped")

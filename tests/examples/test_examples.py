@@ -168,6 +168,16 @@ def test_the_cleanrl_loop_learns_and_saves_what_beats_chance(tmp_path):
     assert np.mean(scores[-4:]) > np.mean(scores[5:11]) + 0.05
 
 
+def test_the_cleanrl_loop_learns_to_see_the_authors_level(tmp_path):
+    curve = tmp_path / "curve.csv"
+    options = ["--preset", "videos", "--steps", 50_000, "--curve", curve]
+    run(sys.executable, ROOT / "examples/cleanrl_ppo.py", *options, cwd=tmp_path)
+    header, *points = curve.read_text().splitlines()
+    assert header == "moves,coverage"
+    shares = [float(point.split(",")[1]) for point in points]
+    assert shares[-1] > shares[0] + 0.2
+
+
 def test_rllib_trains():
     output = run(home("rllib_ppo.py"), "examples/rllib_ppo.py", "--steps", 2000, cwd=ROOT)
     assert len(re.findall(r"moves, mean return -?[\d.]+", output)) >= 2
