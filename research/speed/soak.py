@@ -38,7 +38,7 @@ import httpx
 import numpy as np
 from matplotlib.figure import Figure
 
-from humanplay.web.simulate import Outcome, Plan, RefusedError, ServerAwayError, simulate
+from humanplay.web.simulate import ParticipantSummary, Plan, RefusedError, ServerAwayError, simulate
 from tests.app.protection.test_bare_port import MISBEHAVING
 from tests.app.protection.test_memory import come_and_go
 from tests.support.others import misbehaving
@@ -65,7 +65,7 @@ class Soak:
     """A server in a process of its own, and everybody who is at it."""
 
     def __init__(self, folder: Path, minutes: float) -> None:
-        self._database, self._outcomes = folder / "playground.db", list[list[Outcome]]()
+        self._database, self._summaries = folder / "playground.db", list[list[ParticipantSummary]]()
         self._over, self._token = threading.Event(), secrets.token_hex(16)
         for name in STUDIES:
             freeze(folder / "playground.db-studies", name, players=1000)
@@ -96,8 +96,8 @@ class Soak:
 
     def _take_part(self, number: int) -> None:
         for seed in itertools.count():
-            outcomes: list[Outcome] = []
-            self._outcomes.append(outcomes)
+            summaries: list[ParticipantSummary] = []
+            self._summaries.append(summaries)
             plan = Plan(
                 self.server.url,
                 STUDIES[number],
@@ -109,7 +109,7 @@ class Soak:
                 token=self._token,
             )
             try:
-                simulate(plan, outcomes)
+                simulate(plan, summaries)
             except (ServerAwayError, RefusedError, TimeoutError) as error:
                 if not self._over.is_set():
                     print(f"participants of {plan.study} begin anew: {error}", flush=True)
@@ -143,10 +143,10 @@ class Soak:
         resident = (proc / "status").read_text().split("VmRSS:")[1].split()[0]
         files = [self._database, self._database.with_name("playground.db-wal")]
         trips: list[float] = []
-        for outcome in itertools.chain.from_iterable(self._outcomes):
-            count = len(outcome.round_trips_ms)
-            trips += outcome.round_trips_ms[:count]
-            del outcome.round_trips_ms[:count]
+        for summary in itertools.chain.from_iterable(self._summaries):
+            count = len(summary.round_trips_ms)
+            trips += summary.round_trips_ms[:count]
+            del summary.round_trips_ms[:count]
         return {
             "resident_mb": int(resident) / 1024,
             "descriptors": len(list((proc / "fd").iterdir())),

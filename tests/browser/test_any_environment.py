@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from humanplay.study.verification import verify_database
-from humanplay.tasks.gymnasium.description import told_of
+from humanplay.tasks.gymnasium.description import description_of
 from tests.support.browser import AS_A_PERSON, NO_3D, SIZES, free_port, keep_picture, violations
 from tests.support.servers import eventually
 
@@ -33,7 +33,7 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
     spawn, player, tmp_path, name
 ):
     env, keys = FIVE[name]
-    settings = {"task": f"gymnasium:{told_of(env)}", "port": free_port()}
+    settings = {"task": f"gymnasium:{description_of(env)}", "port": free_port()}
     server = spawn(**settings)
     me = player(server, [*NO_3D, *AS_A_PERSON]).goto()
     page, clock = me.page, me.state("task.clock")

@@ -104,7 +104,7 @@ class DecisionQueue:
     def _next_batch(self) -> list[_Request]:
         """Take the request that is due and those that can be decided with it."""
         next_one = min(self._waiting, key=lambda request: self._used_s[request.owner])
-        first = self._policies.shared_net(next_one.policy)
+        first = self._policies.batch_network(next_one.policy)
         chosen: list[_Request] = [next_one]
         left: list[_Request] = []
         for request in self._waiting:
@@ -113,7 +113,7 @@ class DecisionQueue:
             is_same = (
                 first is not None
                 and len(chosen) < MAX_BATCH
-                and self._policies.shared_net(request.policy) is first
+                and self._policies.batch_network(request.policy) is first
             )
             (chosen if is_same else left).append(request)
         self._waiting = left

@@ -105,7 +105,7 @@ def named_task(name: str) -> str:
         ValueError: If there is none; it says why.
     """
     from humanplay.task.registration import is_registered, register
-    from humanplay.tasks.gymnasium.description import told_of
+    from humanplay.tasks.gymnasium.description import description_of
 
     if is_registered(name):
         return name
@@ -115,7 +115,7 @@ def named_task(name: str) -> str:
     try:
         if folder.is_dir() and (is_path or (folder / "environment.py").is_file()):
             return register(folder)
-        return f"gymnasium:{told_of(name)}"
+        return f"gymnasium:{description_of(name)}"
     except OSError as error:
         raise ValueError(f"cannot read {name}: {reason(error)}") from error
 
@@ -124,7 +124,7 @@ def task_name(name: str) -> str:
     """The name of a task as it is recorded.
 
     Args:
-        name: As the user types it (`told_of`), or a world's folder.
+        name: As the user types it (`description_of`), or a world's folder.
 
     Raises:
         BadParameter: If there is no such task.

@@ -741,8 +741,8 @@ class Policies(Protocol):
     ) -> Sequence[int | Exception]:
         """Every board's action, or what its policy raised: the others are decided all the same."""
 
-    def shared_net(self, policy: Policy) -> object | None:
-        """What decides for the policy, if it can decide for several at once."""
+    def batch_network(self, policy: Policy) -> object | None:
+        """The network that decides for the policy, if it decides several boards at once; else None."""
 
     def observation_in(self, frame: Mapping[str, object]) -> object:
         """What a policy is given of a public frame, if it `sees_frames`."""
@@ -931,8 +931,8 @@ class Courses(DrawnReplays, Protocol):
     def explain(self, cache: Path, record: Record, source: str) -> dict[str, object]:
         """What a page shows of an episode's costs: seconds, so in a job. ValueError if it cannot be replayed."""
 
-    def unjudged(self, record: Record, reason: str) -> dict[str, object]:
-        """The same where no move is judged."""
+    def explain_without_costs(self, record: Record, reason: str) -> dict[str, object]:
+        """What a page shows of an episode of which no move is judged, for this reason."""
 
 
 class Boards(Protocol):

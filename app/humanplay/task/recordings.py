@@ -25,7 +25,7 @@ _SIZES = struct.Struct(">II")
 """What a moment begins with: how many bytes of JSON it has, and how many others."""
 
 
-class Figures(TypedDict):
+class MomentFields(TypedDict):
     """What was told of a moment, ready for JSON.
 
     rewards, scores, allowed  those since the moment before
@@ -49,7 +49,7 @@ class Moment:
     content  the observation, packed; empty if it was not recorded
     """
 
-    figures: Figures
+    fields: MomentFields
     content: bytes
 
 
@@ -61,8 +61,8 @@ class Recording:
 
     def add(self, moment: Moment) -> int:
         """Write a moment, and return how many bytes that took."""
-        figures = json.dumps(moment.figures, separators=(",", ":")).encode()
-        written = _SIZES.pack(len(figures), len(moment.content)) + figures + moment.content
+        fields = json.dumps(moment.fields, separators=(",", ":")).encode()
+        written = _SIZES.pack(len(fields), len(moment.content)) + fields + moment.content
         self._file.write(written)
         self._file.flush()  # before anybody sees it: a kill loses nothing that was shown
         return len(written)
@@ -138,13 +138,13 @@ def holds(moments: Sequence[Moment], actions: bytes, digest: str | None = None) 
     Args:
         digest: Of an episode that has ended; without one its moves are enough.
     """
-    digests = {moment.figures["digest"] for moment in moments}
+    digests = {moment.fields["digest"] for moment in moments}
     return actions_of(moments).startswith(actions) and (digest is None or digest in digests)
 
 
 def actions_of(moments: Sequence[Moment]) -> bytes:
     """The actions of an episode."""
-    actions = [moment.figures.get("action") for moment in moments]
+    actions = [moment.fields.get("action") for moment in moments]
     return bytes(action for action in actions if action is not None)
 
 
@@ -171,10 +171,10 @@ def _number(path: Path) -> int:
 def _moments(path: Path) -> Iterator[Moment]:
     written, start = path.read_bytes(), 0
     while start + _SIZES.size <= len(written):
-        figures, content = _SIZES.unpack_from(written, start)
+        fields, content = _SIZES.unpack_from(written, start)
         start += _SIZES.size
-        end = start + figures + content
+        end = start + fields + content
         if end > len(written):
             return
-        yield Moment(json.loads(written[start : start + figures]), written[start + figures : end])
+        yield Moment(json.loads(written[start : start + fields]), written[start + fields : end])
         start = end

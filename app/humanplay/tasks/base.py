@@ -293,7 +293,7 @@ class BaseTask:
 
 
 @runtime_checkable
-class Outcome(Protocol):
+class HasOutcome(Protocol):
     """A run, or a record of one, whose outcome can be set."""
 
     outcome: str
@@ -303,7 +303,7 @@ def give_up(cause: object, run: Run) -> None:
     """End the run of an episode that is over as the episode was, if no move ended it."""
     if not run.ended:
         run.abandon()
-        if getattr(cause, "outcome", None) == FAILED and isinstance(run, Outcome):
+        if getattr(cause, "outcome", None) == FAILED and isinstance(run, HasOutcome):
             run.outcome = FAILED
 
 
@@ -427,7 +427,7 @@ class BasePolicies:
                 actions.append(error)
         return actions
 
-    def shared_net(self, policy: Policy) -> object | None:
+    def batch_network(self, policy: Policy) -> object | None:
         """None: each decides by itself."""
         return None
 

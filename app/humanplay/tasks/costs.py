@@ -217,8 +217,10 @@ def explained(environment: Environment, costs: MoveCosts) -> dict[str, object]:
     }
 
 
-def unjudged(environment: Environment, record: Record, reason: str) -> dict[str, object]:
-    """The same if no move is judged."""
+def explained_without_costs(
+    environment: Environment, record: Record, reason: str
+) -> dict[str, object]:
+    """What a page shows of an episode of which no move is judged, for this reason."""
     succeeded = record.outcome in environment.successes
     return {
         "reason": reason,

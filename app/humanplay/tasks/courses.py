@@ -81,12 +81,12 @@ class FrameCourses:
         try:
             self.check_judged(record.config)
         except ValueError as error:
-            return self.unjudged(record, str(error))
+            return self.explain_without_costs(record, str(error))
         return costs.explained(self._environment, self.estimator(source, None).costs(record))
 
-    def unjudged(self, record: Record, reason: str) -> dict[str, object]:
-        """The same if no move is judged."""
-        return costs.unjudged(self._environment, record, reason)
+    def explain_without_costs(self, record: Record, reason: str) -> dict[str, object]:
+        """What a page shows of an episode of which no move is judged, for this reason."""
+        return costs.explained_without_costs(self._environment, record, reason)
 
 
 def _of_task(name: str) -> FrameCourses:

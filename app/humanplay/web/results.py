@@ -165,7 +165,7 @@ async def costs_of(
         try:
             source = expert if files is None else files.expert(expert)
         except PolicyError as error:
-            return {"policy": expert, **courses.unjudged(record, str(error))}
+            return {"policy": expert, **courses.explain_without_costs(record, str(error))}
         cause = (record.config.hash, record.terrain, record.trajectory_hash, record.outcome)
         costs = await services.jobs.run(
             courses.explain,

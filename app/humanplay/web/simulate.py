@@ -427,8 +427,8 @@ class Plan:
 
 
 @dataclass
-class Outcome:
-    """What a participant came to.
+class ParticipantSummary:
+    """How far a synthetic participant came.
 
     Attributes:
         stage: The last stage, or "left".
@@ -522,12 +522,14 @@ def _player(plan: Plan, study: dict[str, Any], seed: int) -> NoisyPolicy | Rando
 
 
 def simulate(
-    plan: Plan, outcomes: list[Outcome], advance: Callable[[int, int], None] = lambda *_: None
+    plan: Plan,
+    summaries: list[ParticipantSummary],
+    advance: Callable[[int, int], None] = lambda *_: None,
 ) -> None:
     """Let the participants take part side by side.
 
     Args:
-        outcomes: Gets an outcome of each.
+        summaries: Gets one for each participant.
         advance: Called with (episodes ended, episodes in all).
 
     Raises:
@@ -535,31 +537,35 @@ def simulate(
         ServerAwayError: If it stays away.
     """
     study = fetch_study(plan)
-    outcomes.extend(Outcome(number) for number in range(plan.participants))
+    summaries.extend(ParticipantSummary(number) for number in range(plan.participants))
     in_all = plan.participants * (int(study["warm_up"]) + int(study["ranked"]))
     stop, run = threading.Event(), secrets.token_hex(4)
     with ThreadPoolExecutor(plan.participants) as pool:
         try:
             running = {
                 pool.submit(
-                    _take_part, plan, study, outcome, f"simulated-{run}-{outcome.number}", stop
+                    _take_part, plan, study, summary, f"simulated-{run}-{summary.number}", stop
                 )
-                for outcome in outcomes
+                for summary in summaries
             }
             while running:
                 ended, running = wait(running, 0.3, FIRST_EXCEPTION)
                 for future in ended:
                     future.result()
-                advance(sum(outcome.warm_up + outcome.ranked for outcome in outcomes), in_all)
+                advance(sum(summary.warm_up + summary.ranked for summary in summaries), in_all)
         finally:
             stop.set()
 
 
 def _take_part(
-    plan: Plan, study: dict[str, Any], outcome: Outcome, outside_id: str, stop: threading.Event
+    plan: Plan,
+    study: dict[str, Any],
+    summary: ParticipantSummary,
+    outside_id: str,
+    stop: threading.Event,
 ) -> None:
     """Let one participant take part, to the completion code or until they leave."""
-    dice = random.Random(f"{plan.seed} {outcome.number}")
+    dice = random.Random(f"{plan.seed} {summary.number}")
     clock, policy = Clock(plan.speed, stop), _player(plan, study, dice.getrandbits(31))
     leaves_at = dice.randrange(study["ranked"]) if dice.random() < plan.leaving else None
     withdraws = dice.random() < 0.5
@@ -569,24 +575,24 @@ def _take_part(
         script = f"{plan.policy or followed[1]}, {plan.noise:.0%} random moves"
     join = {"outside_ids": {"PROLIFIC_PID": outside_id}, "script": script}
     with open_client(plan) as client:
-        clock.wait(JOIN_EVERY_MS * outcome.number)
+        clock.wait(JOIN_EVERY_MS * summary.number)
         participant = Participant(client, plan.study, policy, clock, dice.getrandbits(31))
-        participant.round_trips_ms = outcome.round_trips_ms
-        while outcome.stage not in ("complete", "withdrawn", "left"):
+        participant.round_trips_ms = summary.round_trips_ms
+        while summary.stage not in ("complete", "withdrawn", "left"):
             try:
                 if not participant.where:
                     participant.call("join", join)
-                _show(participant.me(), outcome)
-                if outcome.stage == "ranked" and outcome.ranked == leaves_at:
+                _show(participant.me(), summary)
+                if summary.stage == "ranked" and summary.ranked == leaves_at:
                     participant.call("next")
                     participant.play(MOVES_BEFORE_LEAVING)
                     if withdraws:
                         participant.call("withdraw")
-                    outcome.stage = "left"
+                    summary.stage = "left"
                 else:
                     participant.take_step()
                 participant.progressed = time.perf_counter()
-                outcome.minutes = clock.waited_ms / 60_000
+                summary.minutes = clock.waited_ms / 60_000
             except CONNECTION_ERRORS as error:
                 away_s = time.perf_counter() - participant.progressed
                 if away_s > plan.wait_s:
@@ -598,8 +604,8 @@ def _take_part(
                     raise StoppedError from error
 
 
-def _show(answer: dict[str, Any], outcome: Outcome) -> None:
-    """Keep in an outcome where its participant stands."""
-    outcome.stage, outcome.debrief = answer["stage"], answer["debrief"]
-    outcome.code = (answer["ending"] or {}).get("code")
-    outcome.warm_up, outcome.ranked = answer["warm_up"]["done"], answer["ranked"]["done"]
+def _show(answer: dict[str, Any], summary: ParticipantSummary) -> None:
+    """Write into a summary where its participant stands."""
+    summary.stage, summary.debrief = answer["stage"], answer["debrief"]
+    summary.code = (answer["ending"] or {}).get("code")
+    summary.warm_up, summary.ranked = answer["warm_up"]["done"], answer["ranked"]["done"]

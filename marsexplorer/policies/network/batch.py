@@ -60,7 +60,7 @@ Waiting = tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]
 """(number of the board, its policy, what its network is shown)."""
 
 
-def shared_net(policy: Policy) -> object | None:
+def batch_network(policy: Policy) -> object | None:
     """The policy's network if it can decide several boards at once, else None."""
     return policy.net if isinstance(policy, BatchablePolicy) else None
 

@@ -13,7 +13,7 @@ from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from marsexplorer.policies.files.card import of_paper
 from marsexplorer.policies.network import batch
-from marsexplorer.policies.network.batch import shared_net
+from marsexplorer.policies.network.batch import batch_network
 from tests.support import policy_files
 from tests.support.servers import eventually
 
@@ -236,7 +236,7 @@ def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_wou
         boards = [
             (load(name), Episode.begin(EnvConfig(), seed=seed)) for seed, name in enumerate(names)
         ]
-        net = shared_net(boards[0][0])
+        net = batch_network(boards[0][0])
         infer = net.infer
         net.infer = lambda *arrays: calls.append(len(arrays[0])) or infer(*arrays)
         for _ in range(5):

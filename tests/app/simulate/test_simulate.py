@@ -34,25 +34,25 @@ class Simulation(threading.Thread):
     def __init__(self, url, study, participants, **rest):
         super().__init__(daemon=True)
         self.plan = Plan(url, study.name, participants, **{"speed": FAST, **rest})
-        self.outcomes, self.error = [], None
+        self.summaries, self.error = [], None
         self.start()
 
     def run(self):
         try:
-            simulate(self.plan, self.outcomes)
+            simulate(self.plan, self.summaries)
         except BaseException as error:
             self.error = error
 
     @property
     def moves(self):
-        return sum(len(outcome.round_trips_ms) for outcome in self.outcomes)
+        return sum(len(summary.round_trips_ms) for summary in self.summaries)
 
     def result(self, seconds=180.0):
         self.join(seconds)
         assert not self.is_alive(), "the participants are still at it"
         if self.error is not None:
             raise self.error
-        return self.outcomes
+        return self.summaries
 
     def reaches(self, moves, seconds=120.0):
         """Wait until so many moves were answered."""
@@ -112,19 +112,19 @@ def check_whole_study(spawn, tmp_path, study, participants, moves, **rest):
     simulation.reaches(moves, 1800)
     server.kill()
     spawn(port=server.port)
-    outcomes, path = simulation.result(3000), tmp_path / "playground.db"
+    summaries, path = simulation.result(3000), tmp_path / "playground.db"
     check_database(path, study, simulation.moves, kills=1)
     check_no_human_score(path, study)
     verified = verify_database(path, secrets={study.name: study.secret})
     assert verified.findings == ()
-    return outcomes, verified
+    return summaries, verified
 
 
 def test_a_small_study_survives_a_kill_and_enters_no_human_score(spawn, tmp_path):
     study = freeze(tmp_path / "playground.db-studies", size=9)
-    outcomes, verified = check_whole_study(spawn, tmp_path, study, 3, 40, seed=3)
-    assert [outcome.stage for outcome in outcomes] == ["complete"] * 3
-    assert all(outcome.code for outcome in outcomes)
+    summaries, verified = check_whole_study(spawn, tmp_path, study, 3, 40, seed=3)
+    assert [summary.stage for summary in summaries] == ["complete"] * 3
+    assert all(summary.code for summary in summaries)
     assert (verified.episodes, verified.still_open) == (3 * 6, 0)
 
 
@@ -133,15 +133,15 @@ def test_ten_participants_of_a_whole_study_survive_a_kill(spawn, tmp_path):
     """10 x (15 + 30) at 21x21, some of whom leave, and a kill -9 in the middle."""
     sizes = {"size": 21, "warm_up": 15, "ranked": 30, "players": 10, "break_every": 10}
     study = freeze(tmp_path / "playground.db-studies", **sizes)
-    outcomes, _ = check_whole_study(spawn, tmp_path, study, 10, 15_000, seed=11, leaving=0.2)
-    stages = Counter(outcome.stage for outcome in outcomes)
+    summaries, _ = check_whole_study(spawn, tmp_path, study, 10, 15_000, seed=11, leaving=0.2)
+    stages = Counter(summary.stage for summary in summaries)
     assert set(stages) == {"complete", "left"}
 
 
 def test_those_who_leave_withdraw_or_close_the_page(server, tmp_path):
     study = freeze(tmp_path / "playground.db-studies", size=7, ranked=4)
     simulation = Simulation(server.url, study, 6, seed=4, leaving=1.0)
-    assert {outcome.stage for outcome in simulation.result()} == {"left"}
+    assert {summary.stage for summary in simulation.result()} == {"left"}
     path = tmp_path / "playground.db"
     stages = Counter(stage for (stage,) in ask(path, "SELECT stage FROM participants"))
     assert stages["withdrawn"] > 0 < stages["ranked"]
@@ -162,7 +162,7 @@ def test_the_command_prints_who_came_how_far(server, tmp_path, capsys):
 def test_whoever_guesses_is_not_sent_away_where_the_tries_of_people_are_limited(server, tmp_path):
     question = {"question": "How many?", "choices": ("1", "2", "3", "4"), "answer": 3}
     study = freeze(tmp_path / "playground.db-studies", question_tries=2, questions=(question,))
-    assert [outcome.stage for outcome in Simulation(server.url, study, 1).result()] == ["complete"]
+    assert [summary.stage for summary in Simulation(server.url, study, 1).result()] == ["complete"]
     answers = "SELECT count(*) FROM stage_events WHERE kind = 'answers'"
     assert ask(tmp_path / "playground.db", answers) == [(4,)]
 
@@ -176,8 +176,8 @@ def test_moves_at_random_are_those_that_can_be_chosen(serve, tmp_path, briefly_e
     folder = Folder(tmp_path / "playground.db-studies")
     folder.create(protocol)
     study = folder.freeze("doors")
-    outcomes = Simulation(serve(task=task).url, study, 1).result()
-    assert [(outcome.stage, outcome.ranked) for outcome in outcomes] == [("complete", 2)]
+    summaries = Simulation(serve(task=task).url, study, 1).result()
+    assert [(summary.stage, summary.ranked) for summary in summaries] == [("complete", 2)]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])

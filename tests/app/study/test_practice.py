@@ -144,9 +144,9 @@ def test_synthetic_participants_are_screened_out_as_people_are(server, tmp_path)
     study = freeze(
         tmp_path / "playground.db-studies", practice={"reach": 1, "score": 2, "tries": 2}
     )
-    outcomes = []
-    simulate(Plan(server.url, study.name, 1, speed=1e6), outcomes)
-    assert [(outcome.stage, outcome.ranked) for outcome in outcomes] == [("withdrawn", 0)]
+    summaries = []
+    simulate(Plan(server.url, study.name, 1, speed=1e6), summaries)
+    assert [(summary.stage, summary.ranked) for summary in summaries] == [("withdrawn", 0)]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from humanplay.task import PolicyError
-from humanplay.tasks.mars.explanation import explain, unjudged
+from humanplay.tasks.mars.explanation import explain, explain_without_costs
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.cost import CostEstimator
@@ -99,5 +99,5 @@ def test_a_study_without_a_file_of_expert_has_none_of_another_version(tmp_path):
     with pytest.raises(PolicyError, match="no file of ppo was kept when the study was frozen"):
         replace(study.policy_files, hashes={}).expert("ppo")
     record = ended().record()
-    costs = unjudged(record, "no file of ppo was kept")
+    costs = explain_without_costs(record, "no file of ppo was kept")
     assert (costs["counts"], costs["expert_moves"], costs["total"]) == (99, None, None)

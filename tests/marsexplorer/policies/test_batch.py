@@ -12,7 +12,7 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_episode
-from marsexplorer.policies.network.batch import act_many, shared_net
+from marsexplorer.policies.network.batch import act_many, batch_network
 from marsexplorer.policies.network.policy import NetworkPolicy
 from marsexplorer.training.network import Net, save_network
 from tests.support.policy_files import write_network
@@ -50,11 +50,11 @@ def test_the_moves_are_those_of_single_decisions(name, file):
 
 def test_boards_of_one_file_share_a_network_until_the_file_changes(file):
     first, second = policies.load(file), policies.load(file)
-    assert shared_net(first) is shared_net(second) is not None
-    assert shared_net(policies.load("frontier-cost")) is None
+    assert batch_network(first) is batch_network(second) is not None
+    assert batch_network(policies.load("frontier-cost")) is None
     torch.manual_seed(4)
     save_network(Net(), file, {"summary": "Another, with a longer card."})
-    assert shared_net(policies.load(file)) is not shared_net(first)
+    assert batch_network(policies.load(file)) is not batch_network(first)
 
 
 class Counting:

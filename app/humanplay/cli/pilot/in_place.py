@@ -17,9 +17,9 @@ from typing import TypedDict, cast
 from humanplay.cli.pilot.recreation import Env, layers_of
 from humanplay.db.file import recordings_beside
 from humanplay.task import counted, recordings
-from humanplay.task.recordings import Figures, Moment, Recording
+from humanplay.task.recordings import Moment, MomentFields, Recording
 from humanplay.task.registration import environment_of
-from humanplay.tasks.gymnasium.boards import answer_to, told_of
+from humanplay.tasks.gymnasium.boards import answer_to, moment_since
 from humanplay.tasks.gymnasium.configuration import own_config
 from humanplay.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
@@ -107,15 +107,15 @@ class Recordings:
         """Begin the file of an episode."""
         return recordings.new(self._folder, seed)
 
-    def add(self, recording: Recording, figures: Figures, observation: object) -> None:
+    def add(self, recording: Recording, fields: MomentFields, observation: object) -> None:
         """Add a moment; without picture and observation once there is no room for them."""
         content = packed(observation)
-        if self._bytes + len(content) + len(json.dumps(figures["shown"])) > self._most_bytes:
-            figures, content = {**figures, "shown": None}, b""
+        if self._bytes + len(content) + len(json.dumps(fields["shown"])) > self._most_bytes:
+            fields, content = {**fields, "shown": None}, b""
             if not self._is_full:
                 print(FULL, flush=True)
             self._is_full = True
-        self._bytes += recording.add(Moment(figures, content))
+        self._bytes += recording.add(Moment(fields, content))
 
 
 class Interruption:
@@ -217,11 +217,11 @@ class Stepper:
             self._recording = self._recordings.begin(request["seed"])
             self._run = GymnasiumRun(config, request["seed"], self._env)
             self._run.is_live = True
-            self._record(told_of(self._run, -1), None)
+            self._record(moment_since(self._run, -1), None)
             for step, action in enumerate(actions, 1):
                 self._record(answer_to(self._run, action), action)
                 self._check(step, earlier)
-            answer = told_of(self._run, -1)
+            answer = moment_since(self._run, -1)
         except Exception as error:  # whatever the environment raises
             self._fail(board, error)
         else:
@@ -229,7 +229,7 @@ class Stepper:
 
     def _check(self, step: int, earlier: list[list[Moment]]) -> None:
         """Raise ValueError if an episode that goes on does not lead where it led."""
-        if self._run.digest not in {moments[step].figures["digest"] for moments in earlier}:
+        if self._run.digest not in {moments[step].fields["digest"] for moments in earlier}:
             raise ValueError(
                 f"the episode cannot go on: played again, it is another one after {counted(step, 'move')}"
             )
@@ -248,9 +248,9 @@ class Stepper:
     def _record(self, answer: object, action: int | None) -> None:
         """Record what is told of a moment, before it is."""
         assert self._recording is not None
-        figures = cast("Figures", answer[0] if isinstance(answer, tuple) else answer)
-        figures = {**figures, "action": action}
-        self._recordings.add(self._recording, figures, self._run.newest_observation)
+        fields = cast("MomentFields", answer[0] if isinstance(answer, tuple) else answer)
+        fields = {**fields, "action": action}
+        self._recordings.add(self._recording, fields, self._run.newest_observation)
 
     def _fail(self, board: Connection, error: Exception) -> None:
         send_failure(board, error)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,7 +13,7 @@ from humanplay.command.console import print_table, progress
 from humanplay.task import counted
 
 if TYPE_CHECKING:
-    from humanplay.web.simulate import Outcome
+    from humanplay.web.simulate import ParticipantSummary
 
 TOKEN_VARIABLE = "HUMANPLAY_LIMITS__TOKEN"
 """The variable that holds the server's token, with which any number may play from one address."""
@@ -50,19 +52,16 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
     A server limits how many join and play from one address. With HUMANPLAY_LIMITS__TOKEN set to the same
     text for the server and for this command, it does not limit these participants.
     """
-    import os
-    from dataclasses import replace
-
     from httpx import HTTPError
 
     from humanplay.web.simulate import Plan, RefusedError, ServerAwayError, fetch_study, simulate
 
     plan = Plan(url.rstrip("/"), study, 0, token=os.environ.get(TOKEN_VARIABLE), **options)
-    outcomes: list[Outcome] = []
+    summaries: list[ParticipantSummary] = []
     try:
         plan = replace(plan, participants=participants or int(fetch_study(plan)["players"]))
         with progress(f"{counted(plan.participants, 'participant')}") as advance:
-            simulate(plan, outcomes, advance)
+            simulate(plan, summaries, advance)
     except HTTPError as error:
         raise UsageError(
             f"no server at {url} ({error}): start one with `humanplay serve`, or say where with --url"
@@ -72,14 +71,14 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
     except (RefusedError, ServerAwayError) as error:
         raise ClickException(str(error)) from error
     finally:
-        _print_outcomes(outcomes)
+        _print_summaries(summaries)
 
 
-def _print_outcomes(outcomes: list[Outcome]) -> None:
+def _print_summaries(summaries: list[ParticipantSummary]) -> None:
     """Print a line for each participant, then the time that the server took to answer moves."""
     import numpy as np
 
-    if not outcomes:
+    if not summaries:
         return
     names = ("mean_score", "mean_steps")
     print_table(
@@ -87,19 +86,19 @@ def _print_outcomes(outcomes: list[Outcome]) -> None:
         ["number", "stage", "warm-up", "ranked", "minutes", "mean score", "mean steps", "code"],
         [
             [
-                str(each.number),
-                each.stage,
-                str(each.warm_up),
-                str(each.ranked),
-                f"{each.minutes:.1f}",
+                str(summary.number),
+                summary.stage,
+                str(summary.warm_up),
+                str(summary.ranked),
+                f"{summary.minutes:.1f}",
             ]
-            + [_shown((each.debrief or {}).get(name)) for name in names]
-            + [_shown(each.code)]
-            for each in outcomes
+            + [_shown((summary.debrief or {}).get(name)) for name in names]
+            + [_shown(summary.code)]
+            for summary in summaries
         ],
     )
     echo("minutes: at a person's pace of pressing keys, without the time to read and think")
-    trips = [ms for each in outcomes for ms in each.round_trips_ms]
+    trips = [ms for summary in summaries for ms in summary.round_trips_ms]
     if trips:
         p50, p95, p99 = np.percentile(trips, (50, 95, 99))
         echo(

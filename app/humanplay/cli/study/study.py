@@ -440,8 +440,6 @@ def show(name: str, folder: Folder) -> None:
 
     The texts of a draft are shown as participants would read them, with every placeholder filled in.
     """
-    import json
-
     from humanplay.study.templates import fill
 
     with study_errors():

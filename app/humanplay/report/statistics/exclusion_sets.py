@@ -449,8 +449,8 @@ def flagged(
     return ids
 
 
-def flagged_now(data: StudyData) -> dict[str, list[str]]:
-    """`flagged` of those who have finished, as the operator may see it now."""
+def flags_of_finishers(data: StudyData) -> dict[str, list[str]]:
+    """The ids of those who have finished, by the flag that they have and an operator may see now."""
     people = [person for person in data.people if person.kind == "human" and person.completed_ms]
     cohort, ids = _cohort(data, "people", "human", people), {person.id for person in people}
     flags, protocol = data.protocol.flags, _of_no_episode(data.protocol.per_protocol)

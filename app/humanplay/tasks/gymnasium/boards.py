@@ -17,7 +17,7 @@ from typing import Any
 from weakref import WeakSet
 
 from humanplay.task import AgentObservation, Allowed, RunEndedError, TaskFullError
-from humanplay.task.recordings import Figures
+from humanplay.task.recordings import MomentFields
 from humanplay.task.registration import environment_of
 from humanplay.tasks.base import FAILED
 from humanplay.tasks.gymnasium.configuration import GymnasiumConfig, own_config
@@ -283,7 +283,7 @@ def _play(run: GymnasiumRun, actions: Sequence[int]) -> Work:
     for step, action in enumerate(actions, 1):
         run.step(action)
         yield step
-    question = yield told_of(run, -1)
+    question = yield moment_since(run, -1)
     while True:
         question = yield answer_to(run, question)
 
@@ -312,15 +312,15 @@ def answer_to(run: GymnasiumRun, question: int | str) -> object:
         return run.agent_observation(picture=True, observation=False)
     since = len(run.actions)
     run.step(int(question))
-    return told_of(run, since)
+    return moment_since(run, since)
 
 
-def told_of(run: GymnasiumRun, since: int) -> Figures | tuple[Figures, bytes]:
-    """Return what is told of a run: its figures, those since so many moves (-1: all), and its picture.
+def moment_since(run: GymnasiumRun, since: int) -> MomentFields | tuple[MomentFields, bytes]:
+    """Describe a run as it stands, with what came since so many moves (-1: all of it).
 
-    Of a live run that has ended also what was seen last: nobody can ask for it any more.
+    Of a live run that has ended also its last observation: nobody can ask for it any more.
     """
-    told: Figures = {
+    fields: MomentFields = {
         "rewards": list(run.rewards()[max(since, 0) :]),
         "scores": list(run.scores()[since + 1 :]),
         "allowed": list(run.allowed()[since + 1 :]),
@@ -330,5 +330,5 @@ def told_of(run: GymnasiumRun, since: int) -> Figures | tuple[Figures, bytes]:
         "shown": run.agent_observation(picture=True, observation=False) if run.is_live else None,
     }
     if run.is_live and run.ended:
-        return told, packed(run.newest_observation)
-    return told
+        return fields, packed(run.newest_observation)
+    return fields

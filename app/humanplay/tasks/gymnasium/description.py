@@ -309,24 +309,29 @@ def completed(given: Description) -> Description:
     return Description.model_validate({**known, **given.model_dump(exclude_unset=True)})
 
 
-def told_of(given: str) -> str:
-    """Return what describes an environment that is named by a TOML or Python file, by what a package offers, or by its id.
+def description_of(env: str) -> str:
+    """The id or the description, as JSON, of an environment that somebody names.
 
-    A package offers a dictionary of the fields under the entry-point group `humanplay.tasks`. ValueError where what is
-    said is wrong, OSError where a file cannot be read.
+    Args:
+        env: An id, a TOML or Python file, or a name under which a package offers a dictionary of
+            the fields, by the entry-point group `humanplay.tasks`.
+
+    Raises:
+        ValueError: If the description is wrong.
+        OSError: If a file cannot be read.
     """
-    if given.endswith(".toml"):
-        return read_description(Path(given)).told
-    path, _, name = given.partition(":")
+    if env.endswith(".toml"):
+        return read_description(Path(env)).told
+    path, _, name = env.partition(":")
     if path.endswith(".py"):
         module_name = module_of_file(Path(path))
         return f"{module_name}:{name or _only_environment(module_name, path)}"
-    for offer in entry_points(group="humanplay.tasks", name=given):
+    for offer in entry_points(group="humanplay.tasks", name=env):
         try:
             return Description.model_validate(offer.load()).told
         except ValidationError as error:
-            raise ValueError(f"{given}, which {offer.value} describes: {_first(error)}") from error
-    return given
+            raise ValueError(f"{env}, which {offer.value} describes: {_first(error)}") from error
+    return env
 
 
 def _only_environment(module_name: str, path: str) -> str:

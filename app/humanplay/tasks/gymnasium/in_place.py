@@ -99,12 +99,12 @@ class RecordedRun(GymnasiumRun):
             self.step(action)
 
     def _take(self, moment: Moment) -> None:
-        figures = moment.figures
+        fields = moment.fields
         self._moment = moment
-        self._rewards += figures["rewards"]
-        self._scores += figures["scores"]
-        self._allowed += [None if codes is None else tuple(codes) for codes in figures["allowed"]]
-        self.outcome, self.total = figures["outcome"], figures["total"]
+        self._rewards += fields["rewards"]
+        self._scores += fields["scores"]
+        self._allowed += [None if codes is None else tuple(codes) for codes in fields["allowed"]]
+        self.outcome, self.total = fields["outcome"], fields["total"]
 
     def step(self, action: int) -> float:
         """Go on by an action and return its reward; ValueError if it was another one."""
@@ -122,7 +122,7 @@ class RecordedRun(GymnasiumRun):
 
     def view(self) -> GymnasiumView:
         """Return what was seen of the run as it stands."""
-        shown = self._moment.figures["shown"]
+        shown = self._moment.fields["shown"]
         if shown is None:
             raise ValueError(
                 "its pictures were not recorded: the recordings had reached keep_mb when it was played"
@@ -145,7 +145,7 @@ class RecordedRun(GymnasiumRun):
     @property
     def digest(self) -> str:
         """SHA-256 (hex) as it was told when the episode was played."""
-        return str(self._moment.figures["digest"])
+        return str(self._moment.fields["digest"])
 
 
 class GoneEnvironment(gymnasium.Env[object, object]):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from humanplay.task import Configuration, EpisodeCosts, PolicyOffer, Record
 from humanplay.tasks.mars.course import Course, course_of, play_ghost, preferred
-from humanplay.tasks.mars.explanation import explain, unjudged
+from humanplay.tasks.mars.explanation import explain, explain_without_costs
 from humanplay.tasks.mars.narrowing import own_config, own_record
 from marsexplorer.evaluation import cost
 from marsexplorer.evaluation.mistakes import MistakeKind
@@ -58,6 +58,6 @@ class MarsCourses:
         """What a page shows of an episode's costs; ValueError if it cannot be replayed."""
         return explain(cache, own_record(record), source)
 
-    def unjudged(self, record: Record, reason: str) -> dict[str, object]:
-        """The same where no move is judged."""
-        return unjudged(own_record(record), reason)
+    def explain_without_costs(self, record: Record, reason: str) -> dict[str, object]:
+        """What a page shows of an episode of which no move is judged, for this reason."""
+        return explain_without_costs(own_record(record), reason)

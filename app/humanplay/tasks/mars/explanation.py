@@ -35,7 +35,7 @@ def explain(cache: Path, record: Record, expert: str) -> dict[str, object]:
     try:
         check_judged(record.config)
     except ValueError as error:
-        return unjudged(record, str(error), estimator.expert_moves(record))
+        return explain_without_costs(record, str(error), estimator.expert_moves(record))
     costs = estimator.costs(record)
     mistakes = [mistake for mistake in costs.biggest(MOST_NAMED) if mistake.cost >= LEAST_COST]
     missed = estimator.missed(record, mistakes)
@@ -54,8 +54,10 @@ def explain(cache: Path, record: Record, expert: str) -> dict[str, object]:
     }
 
 
-def unjudged(record: Record, reason: str, expert_moves: int | None = None) -> dict[str, object]:
-    """Return the comparison if no move is judged.
+def explain_without_costs(
+    record: Record, reason: str, expert_moves: int | None = None
+) -> dict[str, object]:
+    """Compare an episode with Expert's where no move is judged: only the lengths.
 
     `reason` says why; `expert_moves` is None if Expert's file is missing.
     """

@@ -20,7 +20,7 @@ from marsexplorer.config import ALL_LEVELS, MAP, MIN_SIDE
 DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
 """The levels whose terrains are drawn from seeds."""
 ActionName = Literal["north", "east", "south", "west"]
-Outcome = Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]
+EpisodeOutcome = Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"]
 
 MAX_DRAWN_SIDE = 128
 """Longest side of a board that is drawn from a seed (cells)."""
@@ -130,7 +130,7 @@ class Frame(messages.ServerMessage):
     )
     return_: float | None = Field(alias="return", description="sum of the rewards")
     score: float | None = Field(description="normalized (section 3.2)")
-    outcome: Outcome | None
+    outcome: EpisodeOutcome | None
 
 
 class History(messages.ServerMessage):
@@ -159,7 +159,7 @@ class Course(messages.ServerMessage):
     known_since: list[list[int]] = Field(
         description="moves after which each cell was known, by rows; -1: never"
     )
-    outcome: Outcome
+    outcome: EpisodeOutcome
     score: float = Field(description="normalized (section 3.2)")
     sentence: str = Field(description="what it came to, in words that follow the name")
 

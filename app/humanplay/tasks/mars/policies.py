@@ -82,9 +82,9 @@ class PolicyCatalogue(BasePolicies):
         maps = [own_observation(observation) for observation in observations]
         return batch.act_many([own_policy(policy) for policy in policies], maps)
 
-    def shared_net(self, policy: task.Policy) -> object | None:
+    def batch_network(self, policy: task.Policy) -> object | None:
         """The policy's network, if it can decide for several boards at once."""
-        return batch.shared_net(own_policy(policy))
+        return batch.batch_network(own_policy(policy))
 
     def observation_in(self, frame: Mapping[str, object]) -> NDArray[np.uint8]:
         """What a frame shows, as a policy is given it: uint8[rows, cols]."""

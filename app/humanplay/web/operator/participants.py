@@ -20,7 +20,7 @@ from humanplay.db.reader import Reader
 from humanplay.db.rows import StageEvent
 from humanplay.db.study_rows import Stage, participant_label
 from humanplay.db.trial import Trial
-from humanplay.report.statistics.exclusion_sets import flagged_now
+from humanplay.report.statistics.exclusion_sets import flags_of_finishers
 from humanplay.report.statistics.study_figures import live_figure
 from humanplay.study.data import load
 from humanplay.study.flow import REPEATED_JOIN, repeated_reasons
@@ -158,7 +158,7 @@ class LiveFigures:
                 episodes=0,
                 participants=sorted(map(participant_label, ids)),
             )
-            for words, ids in flagged_now(data).items()
+            for words, ids in flags_of_finishers(data).items()
             if ids
         ]
         figure = answers.LiveFigure.model_validate(live_figure(data))

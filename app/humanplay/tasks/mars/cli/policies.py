@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,8 +45,6 @@ def list_policies() -> None:
 @argument("policy")
 def card(policy: str) -> None:
     """Print the card in a policy's file as JSON. POLICY is a name or a path."""
-    import json
-
     from marsexplorer.policies.files.card import read_card
 
     with policy_errors():
