@@ -7,7 +7,7 @@ from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory):
+def published(tmp_path_factory):
     """A closed study of three, its database, and its release with its report."""
     folder = tmp_path_factory.mktemp("made")
     study = freeze(folder / "play.db-studies")

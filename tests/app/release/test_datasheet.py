@@ -49,8 +49,8 @@ def place(tmp_path_factory):
     forget(folder / "play.db", people[0])
     Folder(folder / "play.db-studies").close(study.name)
     common = ("--study", study.name)
-    where = "--database", folder / "play.db"
-    command("release", *common, *where, "--out", folder / "one")
+    database = "--database", folder / "play.db"
+    command("release", *common, *database, "--out", folder / "one")
     command("import", folder / "one", "--database", folder / "new.db")
     command(
         "release",
@@ -68,7 +68,7 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
     with closing(Reader.open(place / "play.db")) as reader:
         data, _ = load_with_folder(reader, Folder(place / "play.db-studies"), "dunes")
     flow = build(data).groups[0].flow
-    own = asdict(flow)
+    expected = asdict(flow)
     arrivals = {
         "declined": 1,
         "undecided": 1,
@@ -77,7 +77,7 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
         "revoked": 1,
         "unopened": 1,
     }
-    assert arrivals.items() <= own["arrivals"].items()
+    assert arrivals.items() <= expected["arrivals"].items()
     assert (flow.joined, flow.agreed, flow.began) == (7, 4, 2)
     assert flow.people == {
         "finished": 1,
@@ -97,7 +97,7 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
     ):
         assert label in page
     report = json.loads((place / name / "report.json").read_text())
-    assert report["groups"][0]["flow"] == own
+    assert report["groups"][0]["flow"] == expected
     if name == "two":  # an import's release: the first one's tables are derived again with it
         command("reproduce", place / name)
 
@@ -106,7 +106,7 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
 def test_the_datasheet_says_what_is_known_and_no_more(place, name):
     protocol = json.loads((place / name / "protocol.json").read_text())
     text = " ".join((place / name / "DATASHEET.md").read_text().split())
-    for known in (
+    for phrase in (
         "1 person who was erased at their own request",
         "1 person withdrew later",
         "by single-use links, of which 9 were issued, 1 revoked and 1 never opened",
@@ -114,9 +114,9 @@ def test_the_datasheet_says_what_is_known_and_no_more(place, name):
         f"the protocol requires `{protocol['required_attestation']}`",
         "Whether the commitment was published before anybody played is unknown to the software",
         "shows no figure of people while a study is open",
-        *(f"- {name.replace('_', ' ')}: {said}" for name, said in DECLARATIONS.items()),
+        *(f"- {name.replace('_', ' ')}: {answer}" for name, answer in DECLARATIONS.items()),
     ):
-        assert known in text, known
+        assert phrase in text, phrase
     assert "Nothing else was removed" not in text
     assert "published before anybody played." not in text
     assert "without_consent" in json.loads((place / name / "MANIFEST.json").read_text())["left_out"]

@@ -25,25 +25,25 @@ def queried(out):
     parts = re.split(r"^-- table: (\w+)$", (out / "queries.sql").read_text(), flags=re.M)
     conn = sqlite3.connect(out / "study.sqlite")
     conn.row_factory = sqlite3.Row
-    found = {
+    tables = {
         name: [dict(row) for row in conn.execute(sql)]
         for name, sql in zip(parts[1::2], parts[2::2], strict=True)
     }
     conn.close()
-    for step in found["steps"]:
+    for step in tables["steps"]:
         step["action"] = ACTIONS[step["action"]]
-    return found
+    return tables
 
 
-def test_the_queries_give_exactly_the_tables(made):
-    out = made[0] / "out"
-    found = queried(out)
-    assert set(found) == set(BUNDLE_TABLES)
+def test_the_queries_give_exactly_the_tables(published):
+    out = published[0] / "out"
+    tables = queried(out)
+    assert set(tables) == set(BUNDLE_TABLES)
     for table in PARQUET:
-        assert found[table] == pq.read_table(out / f"parquet/{table}.parquet").to_pylist(), table
+        assert tables[table] == pq.read_table(out / f"parquet/{table}.parquet").to_pylist(), table
     for table in BUNDLE_TABLES:
-        assert in_text(found[table], table) == read_csv(out / f"csv/{table}.csv"), table
-    assert len(found["policy_episodes"]) == 3
+        assert in_text(tables[table], table) == read_csv(out / f"csv/{table}.csv"), table
+    assert len(tables["policy_episodes"]) == 3
 
 
 def in_text(rows, table):
@@ -63,17 +63,17 @@ def read_csv(path):
         return list(csv.DictReader(file))
 
 
-def test_the_steps_stand_where_a_replay_stands(made):
-    out = made[0] / "out"
+def test_the_steps_stand_where_a_replay_stands(published):
+    out = published[0] / "out"
     steps = queried(out)["steps"]
     outcomes = set()
     for line in queried(out)["episodes"]:
-        own = [step for step in steps if step["episode"] == line["episode"]]
+        of_episode = [step for step in steps if step["episode"] == line["episode"]]
         episode = Episode.begin(CONFIG, seed=line["seed"])
-        for step in own:
+        for step in of_episode:
             episode.step(ACTIONS.index(step["action"]))
-        assert [(step["row"], step["col"]) for step in own] == episode.path[1:]
-        assert [step["coverage"] for step in own] == [
+        assert [(step["row"], step["col"]) for step in of_episode] == episode.path[1:]
+        assert [step["coverage"] for step in of_episode] == [
             count / CONFIG.n for count in episode.discoveries[1:]
         ]
         assert (
@@ -84,23 +84,23 @@ def test_the_steps_stand_where_a_replay_stands(made):
     assert {"explored", "abandoned", "out_of_bounds"} <= outcomes
 
 
-def test_the_participants_are_as_their_episodes_say(made):
-    out = made[0] / "out"
+def test_the_participants_are_as_their_episodes_say(published):
+    out = published[0] / "out"
     data = load(out / "study.sqlite", "dunes")
     rows = {row["participant"]: row for row in queried(out)["participants"]}
     assert set(rows) == {person.id for person in data.people}
     assert {row["kind"] for row in rows.values()} == {"human", "script"}
     for ident, row in rows.items():
-        own = [
+        ranked = [
             trial for trial in data.trials if trial.participant == ident and trial.phase == "ranked"
         ]
-        assert row["ranked_episodes"] == len(own) == 3
-        assert row["ranked_by_human"] == sum(trial.driver == "human" for trial in own)
-        assert row["ranked_labelled"] == sum(bool(trial.labels) for trial in own)
+        assert row["ranked_episodes"] == len(ranked) == 3
+        assert row["ranked_by_human"] == sum(trial.driver == "human" for trial in ranked)
+        assert row["ranked_labelled"] == sum(bool(trial.labels) for trial in ranked)
         assert row["labels"] == (
-            "; ".join(sorted({label for trial in own for label in trial.labels})) or None
+            "; ".join(sorted({label for trial in ranked for label in trial.labels})) or None
         )
-        assert row["max_pause_share"] == max(trial.pause_share for trial in own)
+        assert row["max_pause_share"] == max(trial.pause_share for trial in ranked)
         assert (row["attempts"], json.loads(row["answers"])) == (1, [[]])
         assert row["recruitment"] == data.protocol.recruitment
     assert not {"completion_code", "player_id", "session_id", "invitation"} & set(
@@ -108,29 +108,29 @@ def test_the_participants_are_as_their_episodes_say(made):
     )
 
 
-def test_every_row_has_its_key_and_every_reference_its_row(made):
-    found = queried(made[0] / "out")
+def test_every_row_has_its_key_and_every_reference_its_row(published):
+    tables = queried(published[0] / "out")
     for table in BUNDLE_TABLES:
         made_from, columns = bundle_table(table)
-        keys = [tuple(row[name] for name in made_from.keys) for row in found[table]]
+        keys = [tuple(row[name] for name in made_from.keys) for row in tables[table]]
         assert len(set(keys)) == len(keys), table
         for column in columns:
-            values = {row[column.name] for row in found[table]}
+            values = {row[column.name] for row in tables[table]}
             assert column.optional or None not in values, column.name
             if (other := bundle_reference(table, column.name)) is not None:
-                assert values <= {row[column.name] for row in found[other]}, (table, column.name)
+                assert values <= {row[column.name] for row in tables[other]}, (table, column.name)
 
 
-def test_croissants_record_sets_have_keys_and_references(made):
+def test_croissants_record_sets_have_keys_and_references(published):
     import mlcroissant
 
-    path, found = made[0] / "out/croissant.json", queried(made[0] / "out")
+    path, rows_of = published[0] / "out/croissant.json", queried(published[0] / "out")
     content = json.loads(path.read_text())
     assert content["conformsTo"] == "http://mlcommons.org/croissant/1.1"
-    metadata = {each["@id"]: each for each in content["recordSet"]}
+    metadata = {piece["@id"]: piece for piece in content["recordSet"]}
     for table in BUNDLE_TABLES:
         key = metadata[table]["key"]
-        assert [each["@id"] for each in (key if isinstance(key, list) else [key])] == [
+        assert [piece["@id"] for piece in (key if isinstance(key, list) else [key])] == [
             f"{table}/{name}" for name in bundle_table(table)[0].keys
         ]
         for field in metadata[table]["field"]:
@@ -143,7 +143,7 @@ def test_croissants_record_sets_have_keys_and_references(made):
         assert not dataset.metadata.ctx.issues.errors
         assert not dataset.metadata.ctx.issues.warnings
         for table in ("participants", "episodes", "policy_episodes", "scores"):
-            assert len(list(dataset.records(table))) == len(found[table]) > 0
+            assert len(list(dataset.records(table))) == len(rows_of[table]) > 0
 
 
 RECOVER = """
@@ -159,9 +159,9 @@ print(dataset.recover_environment().reset(seed=1)[0].shape)
 
 @pytest.mark.parametrize("hidden", [False, True])
 def test_minari_recovers_the_environment_in_a_fresh_process_or_names_what_to_install(
-    made, hidden, monkeypatch
+    published, hidden, monkeypatch
 ):
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(made[0] / "out/minari"))
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(published[0] / "out/minari"))
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{ROOT / 'app'}")
     command = [sys.executable, "-c", RECOVER.format(hidden=hidden)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)

@@ -35,16 +35,16 @@ def leaves(value, path=()):
     if isinstance(value, (dict, list)):
         yield (*path, "length"), len(value)
         pairs = value.items() if isinstance(value, dict) else enumerate(value)
-        for key, each in pairs:
-            yield from leaves(each, (*path, key))
+        for key, part in pairs:
+            yield from leaves(part, (*path, key))
     else:
         yield path, value
 
 
-def differences(expected, found):
+def differences(expected, derived):
     """Return what of two reports is not equal: (path, expected, found)."""
-    one, two = dict(leaves(expected)), dict(leaves(found))
-    software = expected["software_version"], found["software_version"]
+    one, two = dict(leaves(expected)), dict(leaves(derived))
+    software = expected["software_version"], derived["software_version"]
     return [
         (path, one.get(path, "nothing"), two.get(path, "nothing"))
         for path in one | two
@@ -62,8 +62,8 @@ def same(one, other, software):
 @pytest.mark.parametrize(("name", "options"), golden_study.REPORTS.items())
 def test_the_report_has_the_figures_that_it_always_had(place, tmp_path, name, options):
     expected = json.loads((golden_study.STUDIES / name).read_text())
-    found = report(place / "golden.db", tmp_path / name, *options)
-    assert differences(expected, found) == [], golden_study.AGAIN
+    derived = report(place / "golden.db", tmp_path / name, *options)
+    assert differences(expected, derived) == [], golden_study.AGAIN
     assert sum(isinstance(value, float) for _, value in leaves(expected)) > 400
 
 
@@ -78,8 +78,8 @@ def test_a_changed_number_a_changed_sentence_and_a_lost_key_are_seen():
 
 
 def test_the_database_and_the_bundle_verify_and_every_figure_is_derived_again(place, capsys):
-    found = verify_database(place / "golden.db")
-    assert (found.findings, found.episodes) == ((), 69)
+    derived = verify_database(place / "golden.db")
+    assert (derived.findings, derived.episodes) == ((), 69)
     assert run("verify", "--dataset", place / "bundle") == 0
     assert run("reproduce", place / "bundle", "--recorded") == 0
     assert ", 0 differ" in capsys.readouterr().out
@@ -93,9 +93,9 @@ def test_a_bundle_is_imported_once_with_every_figure_and_refused_under_other_nam
     assert "69 were there already" in capsys.readouterr().out
     assert verify_database(tmp_path / "new.db").findings == ()
     for name, options in golden_study.REPORTS.items():
-        found = report(tmp_path / "new.db", tmp_path / name, *options)
+        derived = report(tmp_path / "new.db", tmp_path / name, *options)
         expected = json.loads((golden_study.STUDIES / name).read_text())
-        assert [each for each in differences(expected, found) if each[0][0] == "groups"] == []
+        assert [part for part in differences(expected, derived) if part[0][0] == "groups"] == []
     copy = shutil.copy(place / "golden.db", tmp_path / "copy.db")
     assert run("import", place / "bundle", "--database", copy) == 1
     assert "under other names" in capsys.readouterr().err

@@ -45,10 +45,10 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
-def copy(made, tmp_path):
+def copy(published, tmp_path):
     """A copy of the release, and of its database, that may be harmed."""
-    shutil.copytree(made[0] / "out", tmp_path / "out")
-    for path in made[0].glob("play.db*"):
+    shutil.copytree(published[0] / "out", tmp_path / "out")
+    for path in published[0].glob("play.db*"):
         if path.is_file():
             shutil.copy(path, tmp_path / path.name)
     return tmp_path
@@ -58,8 +58,8 @@ def table(path, name, order):
     return ask(path, f"SELECT * FROM {name} ORDER BY {order}")
 
 
-def test_a_release_holds_what_it_says_and_verifies(made):
-    folder, built = made
+def test_a_release_holds_what_it_says_and_verifies(published):
+    folder, built = published
     out = folder / "out"
     names = {
         *("study.sqlite", "croissant.json", "protocol.json", "DATASHEET.md", "CITATION.cff"),
@@ -81,21 +81,21 @@ def test_a_release_holds_what_it_says_and_verifies(made):
 
 def traces(folder):
     """Everything in the database that says who somebody is, or lets one act for them."""
-    found = {value.format(number) for value in IDENTITIES.values() for number in (0, 1, 2, 7)}
+    texts = {value.format(number) for value in IDENTITIES.values() for number in (0, 1, 2, 7)}
     ids = "participants.id players.id sessions.id participants.completion_code"
     for name in f"{ids} identities.value".split():
-        found |= {
+        texts |= {
             row[0] for row in ask(folder / "play.db", f"SELECT {name} FROM {name.split('.')[0]}")
         }
-    found |= {
+    texts |= {
         row[0] for row in ask(folder / "play.db", "SELECT value FROM meta WHERE name = 'secret'")
     }
-    assert len(found) > 20
-    return found
+    assert len(texts) > 20
+    return texts
 
 
-def test_nobody_is_found_in_any_byte_of_it(made):
-    folder, _ = made
+def test_nobody_is_found_in_any_byte_of_it(published):
+    folder, _ = published
     for name in listing(folder / "out"):
         path = folder / "out" / name
         data = path.read_bytes()
@@ -107,8 +107,8 @@ def test_nobody_is_found_in_any_byte_of_it(made):
     assert b"P" in (folder / "out/csv/scores.csv").read_bytes()
 
 
-def test_the_dictionary_names_every_column(made):
-    out = made[0] / "out"
+def test_the_dictionary_names_every_column(published):
+    out = published[0] / "out"
     columns = json.loads((out / "columns.json").read_text())
     assert columns == dictionary(environment_of("mars").about.columns)
     for name in BUNDLE_TABLES:
@@ -120,10 +120,10 @@ def test_the_dictionary_names_every_column(made):
 
 
 @pytest.mark.parametrize("driver", ["human", "script"])
-def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatch, driver):
+def test_the_minari_dataset_loads_and_replays_through_gymnasium(published, monkeypatch, driver):
     import minari
 
-    folder, _ = made
+    folder, _ = published
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder / "out/minari"))
     dataset = minari.load_dataset(f"humanplay/dunes/{driver}-v1")
     assert dataset.total_episodes == (11 if driver == "human" else 6)
@@ -149,8 +149,8 @@ def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatc
                 assert terminated == episode.terminations[number]
                 assert truncated == episode.truncations[number] or row["outcome"] == "abandoned"
             if row["outcome"] != "abandoned":
-                found = minari.get_normalized_score(dataset, np.array([episode.rewards.sum()]))
-                assert found[0] == pytest.approx(row["score"])
+                normalized = minari.get_normalized_score(dataset, np.array([episode.rewards.sum()]))
+                assert normalized[0] == pytest.approx(row["score"])
 
 
 def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypatch):
@@ -194,8 +194,8 @@ def test_a_study_in_which_nobody_finished_anything_is_a_release_too(tmp_path):
     assert verify_bundle(tmp_path / "out").verified.findings == ()
 
 
-def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
-    out = made[0] / "out"
+def test_the_papers_say_whom_to_cite_and_what_the_licence_is(published):
+    out = published[0] / "out"
     assert "Ada Lovelace" in (out / "CITATION.cff").read_text()
     assert "license: CC-BY-4.0" in (out / "CITATION.cff").read_text()
     assert "creativecommons.org/licenses/by/4.0" in (out / "LICENSE").read_text()
@@ -215,22 +215,22 @@ def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
 
 
 def test_the_protocol_has_the_hash_that_was_frozen_whatever_fields_later_versions_bring(
-    made, tmp_path, monkeypatch
+    published, tmp_path, monkeypatch
 ):
-    manifest = json.loads((made[0] / "out" / MANIFEST).read_text())
-    text = json.loads((made[0] / "out/protocol.json").read_text())
+    manifest = json.loads((published[0] / "out" / MANIFEST).read_text())
+    text = json.loads((published[0] / "out/protocol.json").read_text())
     assert hashlib.sha256(canonical_json(text)).hexdigest() == manifest["protocol_hash"]
     without = {name: value for name, value in text.items() if name != "title"} | {"title": "older"}
     del without["equivalence_margin"]  # as if this field had come later
     assert json.loads(canonical(parse_protocol(without))) == without
 
 
-def test_openssl_alone_can_check_the_signature(made):
+def test_openssl_alone_can_check_the_signature(published):
     if shutil.which("openssl") is None:
         pytest.skip("no openssl here")
     files = f"-inkey {PUBLIC_KEY} -rawin -in {MANIFEST} -sigfile {SIGNATURE}"
     command = f"openssl pkeyutl -verify -pubin {files}".split()
-    done = subprocess.run(command, cwd=made[0] / "out", capture_output=True, text=True)
+    done = subprocess.run(command, cwd=published[0] / "out", capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
@@ -247,8 +247,8 @@ def nameless(path):
     return json.loads(re.sub(r'\b[PBSI][0-9a-f]{12}\b', "?", json.dumps(rows, default=bytes.hex)))  # fmt: skip
 
 
-def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
-    folder, built = made
+def test_release_import_verify_release_is_equal_row_by_row(published, tmp_path):
+    folder, built = published
     joined = import_release(folder / "out", tmp_path / "again.db")
     assert joined.added["episodes"] == 18
     assert verify_database(tmp_path / "again.db").findings == ()
@@ -273,11 +273,11 @@ def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
     assert verify_bundle(tmp_path / "out2").verified.findings == ()
 
 
-def test_an_import_waits_for_no_server(made, tmp_path):
+def test_an_import_waits_for_no_server(published, tmp_path):
     study = freeze(tmp_path / "play.db-studies", "other")
     recorder = StudyRecorder(tmp_path / "play.db", study)
     with pytest.raises(StoreError, match="in use by another server"):
-        import_release(made[0] / "out", tmp_path / "play.db")
+        import_release(published[0] / "out", tmp_path / "play.db")
     recorder.close()
 
 
@@ -294,12 +294,12 @@ def test_any_changed_file_is_found(copy):
         data = path.read_bytes()
         path.write_bytes(bytes([data[0] ^ 1]) + data[1:])
         try:
-            found = verify_bundle(copy / "out").verified.findings
+            findings = verify_bundle(copy / "out").verified.findings
         except ReleaseError:
             assert name in (MANIFEST, PUBLIC_KEY)
         else:
             changed = MANIFEST if name == SIGNATURE else name
-            assert any(changed in finding.where for finding in found), name
+            assert any(changed in finding.where for finding in findings), name
         path.write_bytes(data)
     assert verify_bundle(copy / "out").verified.findings == ()
 
@@ -307,11 +307,11 @@ def test_any_changed_file_is_found(copy):
 def test_a_file_too_many_or_too_few_is_found(copy):
     (copy / "out/extra.txt").write_text("hello")
     (copy / "out/csv/scores.csv").unlink()
-    found = {finding.where for finding in verify_bundle(copy / "out").verified.findings}
-    assert found == {"file extra.txt", "file csv/scores.csv"}
+    places = {finding.where for finding in verify_bundle(copy / "out").verified.findings}
+    assert places == {"file extra.txt", "file csv/scores.csv"}
 
 
-def test_a_forged_release_has_another_signer(made, copy):
+def test_a_forged_release_has_another_signer(published, copy):
     """Whoever changes a field and signs anew is consistent again, but not with the key that was published."""
     key = signing.signing_key(copy / "forger.db")
     out = copy / "out"
@@ -322,22 +322,24 @@ def test_a_forged_release_has_another_signer(made, copy):
     (out / MANIFEST).write_text(json.dumps(manifest))
     (out / SIGNATURE).write_bytes(key.sign((out / MANIFEST).read_bytes()))
     assert verify_bundle(out).verified.findings == ()
-    (finding,) = verify_bundle(out, signer=made[1].signer).verified.findings
+    (finding,) = verify_bundle(out, signer=published[1].signer).verified.findings
     assert finding.what == "the signing key"
 
 
 def test_a_changed_field_in_the_bundles_database_is_named(copy):
     alter(copy / "out/study.sqlite", "UPDATE steps SET key_down_ms = 1.0 WHERE step = 0")
-    found = verify_bundle(copy / "out").verified.findings
-    assert "digest of its stored fields in the table steps" in {each.what for each in found}
-    assert "file study.sqlite" in {each.where for each in found}
+    findings = verify_bundle(copy / "out").verified.findings
+    assert "digest of its stored fields in the table steps" in {
+        finding.what for finding in findings
+    }
+    assert "file study.sqlite" in {finding.where for finding in findings}
 
 
 def refused(folder, match, **changes):
     before = sorted(path.name for path in folder.iterdir())
-    given = ReleaseRequest(folder / "play.db", "dunes", folder / "new")
+    wanted = ReleaseRequest(folder / "play.db", "dunes", folder / "new")
     with pytest.raises(ReleaseError, match=match):
-        build_release(replace(given, **changes))
+        build_release(replace(wanted, **changes))
     beside = {f"play.db-{name}" for name in ("signing-key", "wal", "shm")}
     assert {path.name for path in folder.iterdir()} - beside <= set(before)
 
@@ -444,8 +446,10 @@ def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path
     from humanplay.study.folder import Folder
 
     Folder(tmp_path / "play.db-studies").close(study.name)
-    where = "--database", tmp_path / "play.db"
-    code, out, err = run(capsys, "release", "--study", "dunes", *where, "--out", tmp_path / "out")
+    database = "--database", tmp_path / "play.db"
+    code, out, err = run(
+        capsys, "release", "--study", "dunes", *database, "--out", tmp_path / "out"
+    )
     assert code == 0, err
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert manifest["secret"] == study.secret.hex()
@@ -470,10 +474,10 @@ def test_playground_episodes_of_the_same_database_stay_out(copy):
 
 
 @pytest.mark.parametrize("name", ["pyarrow", "minari", "h5py", "mlcroissant", "cryptography"])
-def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, capsys, name):
+def test_a_missing_library_is_asked_for_by_name(published, tmp_path, monkeypatch, capsys, name):
     monkeypatch.setitem(sys.modules, name, None)
-    where = "--database", made[0] / "play.db", "--out", tmp_path / "out"
-    code, _, err = run(capsys, "release", "--study", "dunes", *where)
+    options = "--database", published[0] / "play.db", "--out", tmp_path / "out"
+    code, _, err = run(capsys, "release", "--study", "dunes", *options)
     assert code == 1
     assert err.startswith(f"humanplay: {name} is not installed")
     assert "humanplay[export]" in err
@@ -481,10 +485,10 @@ def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, cap
     assert not (tmp_path / "out").exists()
 
 
-def test_a_disk_that_refuses_is_a_sentence(made, tmp_path):
+def test_a_disk_that_refuses_is_a_sentence(published, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ReleaseError, match=r"cannot write .*file/out.*choose another --out"):
-        build_release(ReleaseRequest(made[0] / "play.db", "dunes", tmp_path / "file" / "out"))
+        build_release(ReleaseRequest(published[0] / "play.db", "dunes", tmp_path / "file" / "out"))
 
 
 def test_the_commands_report_what_they_did(copy, capsys):
@@ -501,7 +505,7 @@ def test_the_commands_report_what_they_did(copy, capsys):
 
 
 @pytest.mark.parametrize(
-    ("args", "code", "said"),
+    ("args", "code", "sentence"),
     [
         ("verify --database a --dataset b", 2, "not both"),
         ("verify --database a --key b", 2, "--key goes with --dataset"),
@@ -513,9 +517,9 @@ def test_the_commands_report_what_they_did(copy, capsys):
         ("forget somebody --database missing.db", 1, "no database at"),
     ],
 )
-def test_mistakes_get_one_sentence(capsys, tmp_path, monkeypatch, args, code, said):
+def test_mistakes_get_one_sentence(capsys, tmp_path, monkeypatch, args, code, sentence):
     monkeypatch.chdir(tmp_path)
     got, _, err = run(capsys, *args.split())
     assert (got, err.count("\n")) == (code, 1)
-    assert said in err
+    assert sentence in err
     assert list(tmp_path.iterdir()) == []

@@ -32,54 +32,54 @@ COMMANDS = {
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_signer_is_not_checked_until_a_key_says_so_and_another_key_fails(
-    made, tmp_path, run, name
+    published, tmp_path, run, name
 ):
-    out, signer = made[0] / "out", made[1].signer
+    out, signer = published[0] / "out", published[1].signer
     args = COMMANDS[name](out, tmp_path)
     if name != "reproduce":  # which takes long: what it says without a key is in its own tests
-        code, said = run(*args)
+        code, printed = run(*args)
         unchecked = f"signer not checked: nothing here says whose key {signer} is"
-        assert (code, said.count(unchecked)) == (0, 1)
-        code, said = run(*args, "--key", signer)
-        assert (code, said.count("signer checked"), "not checked" in said) == (0, 1, False)
-    code, said = run(*args, "--key", "0" * 64)
-    assert (code, "the signing key is" in said, "signer checked" in said) == (1, True, False)
+        assert (code, printed.count(unchecked)) == (0, 1)
+        code, printed = run(*args, "--key", signer)
+        assert (code, printed.count("signer checked"), "not checked" in printed) == (0, 1, False)
+    code, printed = run(*args, "--key", "0" * 64)
+    assert (code, "the signing key is" in printed, "signer checked" in printed) == (1, True, False)
 
 
-def test_a_pinned_key_is_known_from_then_on(made, tmp_path, run, monkeypatch):
-    out, signer = made[0] / "out", made[1].signer
+def test_a_pinned_key_is_known_from_then_on(published, tmp_path, run, monkeypatch):
+    out, signer = published[0] / "out", published[1].signer
     monkeypatch.setenv("HUMANPLAY_SIGNERS", str(tmp_path / "config" / "signers.json"))
-    code, said = run("verify", "--dataset", out, "--pin")
-    assert (code, f"signer checked: {signer} is a pinned key" in said) == (0, True)
+    code, printed = run("verify", "--dataset", out, "--pin")
+    assert (code, f"signer checked: {signer} is a pinned key" in printed) == (0, True)
     pinned = json.loads((tmp_path / "config" / "signers.json").read_text())
     assert pinned["signers"][signer]["study"] == "dunes"
-    code, said = run(*COMMANDS["verify"](out, tmp_path), "--key", out / PUBLIC_KEY)
-    assert (code, "is the key that was given" in said) == (0, True)
-    code, said = run(*COMMANDS["import"](out, tmp_path))
-    assert (code, "is a pinned key" in said) == (0, True)
+    code, printed = run(*COMMANDS["verify"](out, tmp_path), "--key", out / PUBLIC_KEY)
+    assert (code, "is the key that was given" in printed) == (0, True)
+    code, printed = run(*COMMANDS["import"](out, tmp_path))
+    assert (code, "is a pinned key" in printed) == (0, True)
 
 
-def test_a_harmed_bundles_key_is_not_pinned(made, tmp_path, run):
+def test_a_harmed_bundles_key_is_not_pinned(published, tmp_path, run):
     out = tmp_path / "out"
-    shutil.copytree(made[0] / "out", out)
+    shutil.copytree(published[0] / "out", out)
     (out / "scores.csv").write_text("nothing")
     assert run("verify", "--dataset", out, "--pin")[0] == 1
     assert not (tmp_path / "signers.json").exists()
 
 
-def test_another_key_than_the_one_pinned_for_a_study_is_said(made, tmp_path):
+def test_another_key_than_the_one_pinned_for_a_study_is_said(published, tmp_path):
     pins = tmp_path / "signers.json"
-    manifest = json.loads((made[0] / "out" / MANIFEST).read_text())
+    manifest = json.loads((published[0] / "out" / MANIFEST).read_text())
     pin(pins, manifest)
     other = {**manifest, "signer": "ab" * 32}
-    said = check_signer(other, None, pins).sentence()
-    assert "signer not checked" in said
-    assert f"it is not {manifest['signer']}, the key that is pinned for this study" in said
+    sentence = check_signer(other, None, pins).sentence()
+    assert "signer not checked" in sentence
+    assert f"it is not {manifest['signer']}, the key that is pinned for this study" in sentence
     pin(pins, other)
     assert set(read_pins(pins)) == {manifest["signer"], "ab" * 32}
 
 
-def test_what_is_no_key_and_no_file_of_keys_is_a_sentence(made, tmp_path, run):
+def test_what_is_no_key_and_no_file_of_keys_is_a_sentence(published, tmp_path, run):
     with pytest.raises(ReleaseError, match="--key takes a fingerprint"):
         fingerprint_of("my key")
     assert fingerprint_of("AB12") == "ab12"
@@ -87,6 +87,6 @@ def test_what_is_no_key_and_no_file_of_keys_is_a_sentence(made, tmp_path, run):
     (tmp_path / "key.pem").write_bytes(signing.public_pem(key))
     assert fingerprint_of(str(tmp_path / "key.pem")) == signing.fingerprint(signing.public_pem(key))
     (tmp_path / "signers.json").write_text('{"format": "other"}')
-    code, said = run("verify", "--dataset", made[0] / "out")
-    assert (code, "is no file of pinned keys" in said) == (1, True)
+    code, printed = run("verify", "--dataset", published[0] / "out")
+    assert (code, "is no file of pinned keys" in printed) == (1, True)
     assert run("verify", "--pin")[0] == 2

@@ -30,9 +30,11 @@ def with_last(change, keep=lambda number: True, **who):
     people, trials = played(HONEST, steps=STEPS)
     worst = people[-1]
     people[-1] = replace(worst, **who)
-    own = [each for each in trials if each.participant == worst.id]
-    others = [each for each in trials if each.participant != worst.id]
-    changed = [replace(each, **change(each.trial)) for each in own if keep(each.trial)]
+    of_worst = [episode for episode in trials if episode.participant == worst.id]
+    others = [episode for episode in trials if episode.participant != worst.id]
+    changed = [
+        replace(episode, **change(episode.trial)) for episode in of_worst if keep(episode.trial)
+    ]
     return study(people, others + changed)
 
 
@@ -82,27 +84,27 @@ def test_everybody_who_began_is_in_the_second_estimate_and_in_one_row_of_one_tab
     is_in = status == "finished"
     assert (finished["name"], finished["players"]) == ("per protocol", 3 + is_in)
     assert (everybody["name"], everybody["players"]) == ("everybody", 4)
-    own = [50.0] * as_played + [float(LIMIT)] * (TERRAINS - as_played)
-    assert everybody["steps"]["mean"] == pytest.approx(np.mean([20, 30, 40, np.mean(own)]))
-    own = [0.9] * as_played + [LOWEST] * (TERRAINS - as_played)
-    assert everybody["score"]["mean"] == pytest.approx(np.mean([0.9, 0.9, 0.9, np.mean(own)]))
+    counted = [50.0] * as_played + [float(LIMIT)] * (TERRAINS - as_played)
+    assert everybody["steps"]["mean"] == pytest.approx(np.mean([20, 30, 40, np.mean(counted)]))
+    counted = [0.9] * as_played + [LOWEST] * (TERRAINS - as_played)
+    assert everybody["score"]["mean"] == pytest.approx(np.mean([0.9, 0.9, 0.9, np.mean(counted)]))
     rows = {row["status"]: row for row in group["statuses"]}
     row = rows[status]
     assert row["in_per_protocol"] == is_in
     assert row["in_everybody"]
     assert row["lowest"] == lowest
-    assert sum(each["people"] for each in rows.values()) == 4
+    assert sum(counts["people"] for counts in rows.values()) == 4
     assert row["as_played"] == as_played + 18 * is_in
-    assert group["flow"]["people"] == {name: each["people"] for name, each in rows.items()}
+    assert group["flow"]["people"] == {name: counts["people"] for name, counts in rows.items()}
     honest = build(with_last(lambda number: {})).groups[0]
     assert everybody["steps"]["mean"] >= honest.everybody.steps.mean, "nothing is gained"
-    said = [line for line in group["cautions"] if "not in the per-protocol estimate" in line]
+    cautions = [line for line in group["cautions"] if "not in the per-protocol estimate" in line]
     if is_in:
-        assert not said
+        assert not cautions
     else:
         means = f"{finished['steps']['mean']:.1f} steps", f"{everybody['steps']['mean']:.1f} steps"
-        assert said[0].startswith("1 of 4 people who began")
-        assert all(mean in said[0] for mean in means)
+        assert cautions[0].startswith("1 of 4 people who began")
+        assert all(mean in cautions[0] for mean in means)
     assert not any("per-protocol estimate (" in line for line in honest.cautions)
 
 
@@ -117,8 +119,8 @@ def test_bots_and_those_who_never_began_are_in_neither_and_many_of_them_are_a_ca
         "bot": 1,
         "never_began": 1,
     }
-    (said,) = (line for line in group.cautions if "in neither estimate" in line)
-    assert said.startswith("2 of 6 people who agreed are in neither estimate: 1 began no ranked")
+    (caution,) = (line for line in group.cautions if "in neither estimate" in line)
+    assert caution.startswith("2 of 6 people who agreed are in neither estimate: 1 began no ranked")
     few = build(study([*people, idle], trials)).groups[0]
     assert not any("in neither estimate" in line for line in few.cautions), "a fifth is not more"
 
@@ -132,8 +134,8 @@ def test_people_whose_every_episode_is_flagged_are_a_caution_where_they_move_the
     people, trials = played(scores)
     doubtful = {person.id for person in people[12:]}
     trials = [
-        replace(each, labels=("unfocused",)) if each.participant in doubtful else each
-        for each in trials
+        replace(episode, labels=("unfocused",)) if episode.participant in doubtful else episode
+        for episode in trials
     ]
     group = build(study(people, trials)).groups[0]
     assert (group.figure.players, group.everybody.players) == (12, 12 + flagged)
@@ -173,13 +175,13 @@ def test_the_erased_move_no_mean_and_both_means_stand_as_they_could_be_with_them
     assert finished.steps_range == pytest.approx(((90 + 1) / 4, (90 + LIMIT) / 4))
     assert everybody.steps_range == pytest.approx(((90 + 2) / 5, (90 + 2 * LIMIT) / 5))
     assert everybody.score_range == pytest.approx(((2.7 + 2 * LOWEST) / 5, (2.7 + 2) / 5))
-    (said,) = (line for line in report.groups[0].cautions if "erased" in line)
-    assert said.startswith(
+    (caution,) = (line for line in report.groups[0].cautions if "erased" in line)
+    assert caution.startswith(
         "2 people who had begun a ranked episode were erased; 1 of them had ended all."
     )
-    assert "1 went after closing" in said
-    assert "asked for by: participant 1" in said
-    assert f"30.0 without them, {91 / 4:.1f} to {(90 + LIMIT) / 4:.1f}" in said
+    assert "1 went after closing" in caution
+    assert "asked for by: participant 1" in caution
+    assert f"30.0 without them, {91 / 4:.1f} to {(90 + LIMIT) / 4:.1f}" in caution
     assert "erased" in render(report)
     honest = build(study(people, trials)).groups[0]
     assert not any("erased" in line for line in honest.cautions)
@@ -189,23 +191,23 @@ def lake(bounds, scores):
     """Return the study of an environment of negative scores: a person a row, None for an episode given up at -1."""
     task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=bounds).told}"
     config = environment_of(task).default
-    made = default_protocol("lake", config, task, ranked=3, players=len(scores))
+    protocol = default_protocol("lake", config, task, ranked=3, players=len(scores))
     people, trials = [], []
     for number, row in enumerate(scores):
         who = person(number)
         people.append(who)
         for index, score in enumerate(row):
             end = ("abandoned", -1.0) if score is None else ("ended", score)
-            own = {
+            ending = {
                 "task": task,
                 "config": config,
                 "core_version": "",
                 "outcome": end[0],
                 "total": end[1],
             }
-            trials.append(trial(who, index, end[1], **own))
+            trials.append(trial(who, index, end[1], **ending))
     data = study(people, trials)
-    return replace(data, protocol=made, protocol_hash=protocol_hash(made))
+    return replace(data, protocol=protocol, protocol_hash=protocol_hash(protocol))
 
 
 @pytest.mark.parametrize("bounds", [(-200, 0), (None, None)])
@@ -217,8 +219,8 @@ def test_leaving_an_environment_of_negative_scores_gains_nothing(bounds):
         assert honest.everybody.score is None, "there is no second estimate"
         assert left.figure.players == 2
         assert {row.status for row in left.statuses} == {"finished", "gave_up"}
-        (said,) = (line for line in left.cautions if "not in the per-protocol" in line)
-        assert f"mean score {left.figure.score.mean:.3f}" in said
+        (caution,) = (line for line in left.cautions if "not in the per-protocol" in line)
+        assert f"mean score {left.figure.score.mean:.3f}" in caution
         assert "No lowest score is declared" in build(lake(bounds, rows)).sentence
         return
     for metric in ("score", "steps"):

@@ -65,12 +65,12 @@ def data():
 def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval():
     scores = np.vstack([SCORES, SCORES[::-1] - 0.1])
     report = build(study(*played(scores)))
-    found = report.groups[0].figure
+    figure = report.groups[0].figure
     means = scores.mean(1)
-    assert (found.name, found.players, found.episodes) == ("per protocol", 6, 36)
-    assert found.score.mean == pytest.approx(means.mean())
+    assert (figure.name, figure.players, figure.episodes) == ("per protocol", 6, 36)
+    assert figure.score.mean == pytest.approx(means.mean())
     low, high = interval(scores, LOWEST)
-    assert found.score.interval == pytest.approx(
+    assert figure.score.interval == pytest.approx(
         (float(low), min(float(high), 1))
     )  # no mean score is above 1
     assert f"mean score {means.mean():.3f}" in report.sentence
@@ -80,16 +80,18 @@ def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval():
 def test_completion_is_an_estimate_of_the_same_kind():
     people, trials = played(np.full((6, 6), 0.9))
     failed = (1, 2, 0, 1, 1, 1)
-    by = {each.id: number for number, each in enumerate(people)}
+    by = {episode.id: number for number, episode in enumerate(people)}
     some = [
-        replace(each, outcome="collided") if each.trial < failed[by[each.participant]] else each
-        for each in trials
+        replace(episode, outcome="collided")
+        if episode.trial < failed[by[episode.participant]]
+        else episode
+        for episode in trials
     ]
-    found = build(study(people, some)).groups[0].figure.completed
+    share = build(study(people, some)).groups[0].figure.completed
     completed = np.array([[trial >= count for trial in range(6)] for count in failed], float)
     low, high = map(float, interval(completed, 0.0))
-    assert found.mean == pytest.approx(completed.mean())
-    assert found.interval == pytest.approx((max(low, 0), min(high, 1)))
+    assert share.mean == pytest.approx(completed.mean())
+    assert share.interval == pytest.approx((max(low, 0), min(high, 1)))
 
 
 def test_every_figure_of_the_spread_and_of_the_sets_has_its_interval_on_the_page():
@@ -107,8 +109,8 @@ def test_steps_count_the_limit_for_an_unfinished_episode():
     people, trials = played(SCORES)
     trials[0] = trial(people[0], 0, 0.2, steps=7, outcome="collided")
     report = build(study(people, trials))
-    own = [CONFIG.limit, *(20 + index for index in range(1, 6))]
-    assert report.groups[0].players[0].steps == pytest.approx(np.mean(own))
+    steps = [CONFIG.limit, *(20 + index for index in range(1, 6))]
+    assert report.groups[0].players[0].steps == pytest.approx(np.mean(steps))
     assert report.groups[0].players[0].failed == 1
     assert report.groups[0].outcomes == {"collided": 1, "explored": 17}
 
@@ -174,14 +176,16 @@ def test_the_exclusion_sets():
     people, trials = played([*SCORES, [0.8, 0.8, NAN, NAN, NAN, NAN]])
     by = {person.id: index for index, person in enumerate(people)}
     changed = []
-    for each in trials:
+    for episode in trials:
         rest = {}
-        if by[each.participant] == 1 and each.trial == 2:
+        if by[episode.participant] == 1 and episode.trial == 2:
             rest = {"labels": ("untrusted",)}
-        if by[each.participant] == 2 and each.trial == 1:
+        if by[episode.participant] == 2 and episode.trial == 1:
             rest = {"pause_share": 0.6}
         changed.append(
-            trial(people[by[each.participant]], each.trial, each.score, each.steps, **rest)
+            trial(
+                people[by[episode.participant]], episode.trial, episode.score, episode.steps, **rest
+            )
         )
     group = build(study(people, changed)).groups[0]
     assert {figure.name: (figure.players, figure.episodes) for figure in group.figures} == {
@@ -207,36 +211,36 @@ def test_a_person_with_one_scripted_move_is_a_deviation_and_no_figure():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "sentence"),
     [
         ({"config": EnvConfig("random", 7, 9, sensor_radius=4)}, "ran on another configuration"),
         ({"core_version": "0"}, "ran on another core version"),
         ({"outcome": "abandoned"}, "was given up; it counts"),
     ],
 )
-def test_deviations_of_episodes(change, said):
+def test_deviations_of_episodes(change, sentence):
     people, trials = played(SCORES)
     trials[3] = trial(people[0], 3, 0.9, **change)
-    assert any(said in line for line in build(study(people, trials)).groups[0].deviations)
+    assert any(sentence in line for line in build(study(people, trials)).groups[0].deviations)
 
 
 def test_deviations_of_the_study():
-    def said(*given, **rest):
-        return " ".join(build(study(*given, **rest)).deviations)
+    def deviations_of(*people_and_trials, **rest):
+        return " ".join(build(study(*people_and_trials, **rest)).deviations)
 
-    assert said(*played(SCORES), players=3) == ""
-    assert "3 people finished, 4 were planned" in said(*played(SCORES))
-    made = study(*played(SCORES), players=3)
+    assert deviations_of(*played(SCORES), players=3) == ""
+    assert "3 people finished, 4 were planned" in deviations_of(*played(SCORES))
+    planned = study(*played(SCORES), players=3)
     from dataclasses import replace
 
     assert "not the one whose hash was frozen" in " ".join(
-        build(replace(made, protocol_hash="0" * 64)).deviations
+        build(replace(planned, protocol_hash="0" * 64)).deviations
     )
     assert "not the one that was committed to" in " ".join(
-        build(replace(made, secret="ab" * 32)).deviations
+        build(replace(planned, secret="ab" * 32)).deviations
     )
     assert "joined before the protocol" in " ".join(
-        build(replace(made, frozen_ms=FROZEN_MS + 1500)).deviations
+        build(replace(planned, frozen_ms=FROZEN_MS + 1500)).deviations
     )
 
 
@@ -244,8 +248,8 @@ def test_deviations_that_the_server_recorded():
     people, trials = played(SCORES)
     detail = {"sentence": "The page was reloaded 40 times."}
     people[0] = person(0, events=[(FROZEN_MS, "deviation", detail)] * 2)
-    found = build(study(people, trials)).groups[0].deviations
-    assert "The page was reloaded 40 times. (noted 2 times)" in found
+    deviations = build(study(people, trials)).groups[0].deviations
+    assert "The page was reloaded 40 times. (noted 2 times)" in deviations
 
 
 def test_a_deviation_that_the_server_notes_is_a_sentence(tmp_path):
@@ -272,7 +276,7 @@ def test_warm_up_trials_are_shown_and_enter_no_figure():
         for index in range(2)
     ]
     with_them, without = (
-        build(study(people, given, warm_up=2)) for given in ([*trials, *practice], trials)
+        build(study(people, episodes, warm_up=2)) for episodes in ([*trials, *practice], trials)
     )
     assert with_them.groups[0].figures == without.groups[0].figures
     assert [row[:2] for row in with_them.groups[0].metric("score").warm_up] == [
@@ -285,7 +289,8 @@ def test_the_learning_curve_is_of_first_attempts_in_the_order_played():
     people, trials = played(SCORES)
     orders = {who.id: np.random.default_rng(at).permutation(6) for at, who in enumerate(people)}
     trials = [
-        replace(each, trial=int(orders[each.participant][each.terrain_index])) for each in trials
+        replace(episode, trial=int(orders[episode.participant][episode.terrain_index]))
+        for episode in trials
     ]
     practice = [
         trial(who, index, 0.1 * index, phase="warm_up", id=f"w{who.id}{index}")
@@ -295,10 +300,14 @@ def test_the_learning_curve_is_of_first_attempts_in_the_order_played():
     report = build(study(people, trials + practice, warm_up=2))
     learning = report.groups[0].metric("score").learning
     for at in range(6):
-        own = [each for each in trials if each.trial == at]
-        earlier = {(each.participant, each.terrain_index) for each in trials if each.trial < at}
-        assert not earlier & {(each.participant, each.terrain_index) for each in own}
-        assert learning.by_trial[at][1] == pytest.approx(np.mean([each.score for each in own]))
+        at_place = [episode for episode in trials if episode.trial == at]
+        earlier = {
+            (episode.participant, episode.terrain_index) for episode in trials if episode.trial < at
+        }
+        assert not earlier & {(episode.participant, episode.terrain_index) for episode in at_place}
+        assert learning.by_trial[at][1] == pytest.approx(
+            np.mean([episode.score for episode in at_place])
+        )
     assert [row[1] for row in report.groups[0].metric("score").warm_up] == pytest.approx([0, 0.1])
     page = render(report)
     assert "First attempts only: nobody meets an instance twice." in page
@@ -313,9 +322,9 @@ def test_policies_are_compared_on_the_terrains_that_both_played():
     ]
     report = build(study(*played(scores)), runs)
     ppo = next(
-        each
-        for each in report.groups[0].comparisons
-        if (each.policy, each.metric) == ("ppo", "score")
+        comparison
+        for comparison in report.groups[0].comparisons
+        if (comparison.policy, comparison.metric) == ("ppo", "score")
     )
     assert ppo.terrains == 5
     assert ppo.ratio == pytest.approx(0.95 / scores[:, :5].mean())
@@ -331,7 +340,7 @@ def test_a_policy_is_named_as_code_or_as_this_file_with_the_hash_of_the_protocol
     hashes = {"ppo": digest}
     report = build(study(*played(SCORES), policies=("ppo", "random"), policy_hashes=hashes), runs)
     title = "ppo (this file, SHA-256 0123456789ab…)"
-    assert [report.title_of(each.name) for each in report.policies] == [
+    assert [report.title_of(policy.name) for policy in report.policies] == [
         title, "frontier-cost (code)", "random (code)",
     ]  # fmt: skip
     tables = group_tables(report, report.groups[0])
@@ -353,14 +362,20 @@ def test_the_policies_of_the_protocol_without_random_are_tested_in_its_primary_m
     ]
     named = {"policies": ("ppo", "frontier-cost", "random"), "primary_metric": primary}
     comparisons = build(study(*played(scores), **named), runs).groups[0].comparisons
-    tested = {each.policy: each for each in comparisons if each.p_value is not None}
+    tested = {
+        comparison.policy: comparison
+        for comparison in comparisons
+        if comparison.p_value is not None
+    }
     assert set(tested) == {"ppo", "frontier-cost"}
-    assert {each.metric for each in tested.values()} == {primary}
-    smaller, larger = sorted(tested.values(), key=lambda each: each.p_value)
+    assert {comparison.metric for comparison in tested.values()} == {primary}
+    smaller, larger = sorted(tested.values(), key=lambda comparison: comparison.p_value)
     assert smaller.p_adjusted == pytest.approx(2 * smaller.p_value)
     assert larger.p_adjusted == pytest.approx(max(larger.p_value, smaller.p_adjusted))
-    for each in tested.values():
-        assert (each.p_value < 0.05) == (not each.interval[0] < 0 < each.interval[1])
+    for comparison in tested.values():
+        assert (comparison.p_value < 0.05) == (
+            not comparison.interval[0] < 0 < comparison.interval[1]
+        )
 
 
 def test_one_player_and_one_terrain_are_reported_without_intervals():
@@ -379,10 +394,10 @@ def test_fewer_than_five_terrains_give_an_interval_for_other_players_alone(terra
     runs = [run("ppo", [0.9] * terrains), run("random", [0.3] * terrains)]
     report = build(study(*played(scores), ranked=terrains), runs)
     assert ("95 % interval for other players on these instances " in report.sentence) != for_others
-    own = report.groups[0].figure.score.interval
-    assert own == pytest.approx(tuple(map(float, interval(scores, LOWEST, for_others))), abs=1e-9)
-    said = "other players and other instances" if for_others else "other players on these instances"
-    assert f"95 % interval for {said}; p and p" in " ".join(render(report).split())
+    ends = report.groups[0].figure.score.interval
+    assert ends == pytest.approx(tuple(map(float, interval(scores, LOWEST, for_others))), abs=1e-9)
+    whom = "other players and other instances" if for_others else "other players on these instances"
+    assert f"95 % interval for {whom}; p and p" in " ".join(render(report).split())
 
 
 def test_page_and_json_have_the_same_intervals_where_players_do_not_differ():
@@ -402,7 +417,7 @@ def test_page_and_json_have_the_same_intervals_where_players_do_not_differ():
 
 def test_where_everybody_had_the_worst_in_every_episode_there_is_no_interval():
     people, trials = played(np.full((5, 6), LOWEST), steps=np.full((5, 6), CONFIG.limit))
-    report = build(study(people, [replace(each, outcome="collided") for each in trials]))
+    report = build(study(people, [replace(episode, outcome="collided") for episode in trials]))
     figure = json.loads(report.to_json())["groups"][0]["figures"][0]
     assert (figure["steps"]["mean"], figure["steps"]["interval"]) == (CONFIG.limit, None)
     assert report.sentence.endswith(" Players who do not differ give no interval.")
@@ -419,28 +434,32 @@ def test_below_five_shared_terrains_no_policy_is_tested_and_a_caution_says_why()
         return build(data, runs).groups[0]
 
     enough, few = of(1), of(2)
-    said = [caution for caution in few.cautions if "needs 5" in caution]
-    assert len(said) == 1
-    assert said[0].startswith("4 instances were played by people and by every policy; ")
+    cautions = [caution for caution in few.cautions if "needs 5" in caution]
+    assert len(cautions) == 1
+    assert cautions[0].startswith("4 instances were played by people and by every policy; ")
     assert not any("needs 5" in caution for caution in enough.cautions)
-    (row,) = (each for each in enough.comparisons if (each.policy, each.metric) == ("ppo", "steps"))
+    (row,) = (
+        comparison
+        for comparison in enough.comparisons
+        if (comparison.policy, comparison.metric) == ("ppo", "steps")
+    )
     assert None not in (row.interval, row.everybody_interval, row.p_value, row.p_adjusted)
     for row in few.comparisons:
-        found = (
+        figures = (
             row.interval,
             row.everybody_interval,
             row.ratio_interval,
             row.p_value,
             row.p_adjusted,
         )
-        assert found == (None,) * 5
+        assert figures == (None,) * 5
 
 
 def test_cautions_name_how_few_players_there_are():
     people, trials = played([[0.95] * 6, [0.94] * 6, [0.95] * 6, [0.96] * 6, [0.3] * 6])
-    said = " ".join(build(study(people, trials, players=10)).groups[0].cautions)
-    assert "5 of the 10 players planned" in said
-    assert "5 players are few" in said
+    cautions = " ".join(build(study(people, trials, players=10)).groups[0].cautions)
+    assert "5 of the 10 players planned" in cautions
+    assert "5 players are few" in cautions
 
 
 def test_the_live_figure_is_the_reports(data):
@@ -516,7 +535,7 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
     assert items["2.3.2"].answer == "0 of 3", "nobody was turned away before they agreed"
     declared = {item.detail for item in items.values() if item.answer == "Declared"}
     for text in DECLARATIONS.values():
-        assert any(text in each for each in declared), text
+        assert any(text in answer for answer in declared), text
     assert items["2.5"].answer == "Unknown"
     assert items["3.2.2"].answer == "0 of 3"
     assert items["1.8"].source == "missing"
@@ -571,7 +590,7 @@ def test_what_is_known_of_terrains_told_to_others_is_said_without_a_verdict(data
 def test_human_time_is_that_of_successes_without_nights():
     people, trials = played(SCORES)
     night = replace(trials[0], ended_ms=trials[0].started_ms + 43_200_000, active_ms=4_000.0)
-    failed = [replace(each, outcome="collided", active_ms=1.0) for each in trials[2:]]
+    failed = [replace(episode, outcome="collided", active_ms=1.0) for episode in trials[2:]]
     of = [night, replace(trials[1], active_ms=9_000.0), *failed]
 
     def time(trials):
@@ -579,7 +598,7 @@ def test_human_time_is_that_of_successes_without_nights():
         return items["5.1.3"].detail
 
     assert time(of) == HUMAN_TIME.format("6.0 seconds", "2 of 18 ranked episodes")
-    hours = [replace(each, active_ms=7_200_000.0) for each in trials]
+    hours = [replace(episode, active_ms=7_200_000.0) for episode in trials]
     assert time(hours) == HUMAN_TIME.format("120.0 minutes", "18 of 18 ranked episodes")
     assert time(failed) == "No ranked episode succeeded."
 
@@ -593,7 +612,7 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
         "assumed_episode_sd": 15.0,
     }
     power = {"policy_better": 0.81, "people_better": 0.72, "half_width": 6.0, "studies": 10_000}
-    given = {
+    fields = {
         "recruitment": "panel",
         "outside_ids": ("PROLIFIC_PID",),
         "players": 10,
@@ -601,7 +620,7 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
         "policy_difference": 9.0,
         "power": power,
     }
-    items = {item.number: item for item in build(study(people, trials, **given)).checklist}
+    items = {item.number: item for item in build(study(people, trials, **fields)).checklist}
     assert items["3.2.2"].answer == "1 of 4"
     assert "Of 20 finished ranked episodes 0 carry a label" in items["3.2.2"].detail
     assert "panel" in items["2.2"].detail
@@ -626,14 +645,14 @@ def test_a_figure_is_called_the_human_level_only_where_people_are_known_to_be_pe
     level, recruitment, claim
 ):
     people, trials = played(SCORES)
-    trials = [replace(each, attestation="supervised") for each in trials]
+    trials = [replace(episode, attestation="supervised") for episode in trials]
     links = "signed" if recruitment == "signed panel" else "unsigned"
     came = recruitment.removeprefix("signed ")
     rest = {"required_attestation": level, "recruitment": came, "panel_links": links}
-    found = study(people, trials, outside_ids=("ID",), **rest)
-    assert build(found).sentence.startswith(f"{claim}. Per protocol: 3 players")
-    assert live_figure(found)["claim"] == claim
-    page = render(build(found))
+    supervised = study(people, trials, outside_ids=("ID",), **rest)
+    assert build(supervised).sentence.startswith(f"{claim}. Per protocol: 3 players")
+    assert live_figure(supervised)["claim"] == claim
+    page = render(build(supervised))
     assert f"{claim}. Per protocol: 3 players" in page
     assert ("ids anybody may make up" in page) == (recruitment == "panel")
 

@@ -19,7 +19,7 @@ NAN = float("nan")
 def test_holms_adjustment():
     studies = np.array([[0.01, 0.04, 0.03, 0.005], [0.005, 0.9, 0.8, 0.7]])
     assert holm(studies[0]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm(studies) == pytest.approx(np.array([holm(own) for own in studies]))
+    assert holm(studies) == pytest.approx(np.array([holm(study) for study in studies]))
     assert holm(np.array([0.9, 0.8])).tolist() == [1.0, 1.0]
 
 
@@ -27,19 +27,19 @@ def test_a_comparison_is_paired_by_terrain_and_its_intervals_follow_the_peoples(
     table = np.random.default_rng(4).normal(0.8, 0.1, (6, 8))
     values = table.mean(0) + np.array([0.1] * 7 + [-0.2])
     random = np.full(8, 0.3)
-    found = compare_policy("ppo", "score", values, table, random)
+    comparison = compare_policy("ppo", "score", values, table, random)
     people = table.mean()
-    assert found.difference == pytest.approx(values.mean() - people)
-    own = interval(values - table, None)
-    assert np.array(found.interval) == pytest.approx(np.array(own))
+    assert comparison.difference == pytest.approx(values.mean() - people)
+    ends = interval(values - table, None)
+    assert np.array(comparison.interval) == pytest.approx(np.array(ends))
     alone = compare_policy("ppo", "score", values, table, random, terrains_drawn=False).interval
-    assert found.interval[0] <= alone[0] <= alone[1] <= found.interval[1]
+    assert comparison.interval[0] <= alone[0] <= alone[1] <= comparison.interval[1]
     assert (policy_p(table, None, values) < 0.05) == (
-        found.interval[0] > 0 or found.interval[1] < 0
+        comparison.interval[0] > 0 or comparison.interval[1] < 0
     )
-    assert found.ratio == pytest.approx(values.mean() / people)
-    assert found.ratio_interval[0] < found.ratio < found.ratio_interval[1]
-    assert found.normalized == pytest.approx((values.mean() - 0.3) / (people - 0.3))
+    assert comparison.ratio == pytest.approx(values.mean() / people)
+    assert comparison.ratio_interval[0] < comparison.ratio < comparison.ratio_interval[1]
+    assert comparison.normalized == pytest.approx((values.mean() - 0.3) / (people - 0.3))
     assert compare_policy("random", "score", random, table, random).normalized is None
 
 
@@ -62,12 +62,14 @@ def test_a_p_below_5_percent_and_every_interval_that_leaves_no_difference_out_ar
     seen = set()
     for seed in range(60):
         table, values = drawn(seed)
-        found = compared(table, values)
+        comparison = compared(table, values)
         says = bool(policy_p(table, None, values) < 0.05)
         seen.add(says)
-        assert (found.interval[0] > 0 or found.interval[1] < 0) == says
-        assert (found.ratio_interval[0] > 1 or found.ratio_interval[1] < 1) == says
-        assert (found.normalized_interval[0] > 1 or found.normalized_interval[1] < 1) == says
+        assert (comparison.interval[0] > 0 or comparison.interval[1] < 0) == says
+        assert (comparison.ratio_interval[0] > 1 or comparison.ratio_interval[1] < 1) == says
+        assert (
+            comparison.normalized_interval[0] > 1 or comparison.normalized_interval[1] < 1
+        ) == says
     assert seen == {True, False}
 
 
@@ -76,7 +78,7 @@ def test_the_test_knows_which_players_were_drawn():
     rng = np.random.default_rng(9)
     player = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
     table = 0.7 + player[:, None] + rng.normal(0, 0.01, (5, 20))
-    found = compare_policy("ppo", "score", np.full(20, 0.78), table)
+    comparison = compare_policy("ppo", "score", np.full(20, 0.78), table)
     flipped = scipy.stats.permutation_test(
         (0.78 - table.mean(0),),
         np.mean,
@@ -86,7 +88,7 @@ def test_the_test_knows_which_players_were_drawn():
     )
     assert flipped.pvalue < 0.01
     assert policy_p(table, None, np.full(20, 0.78)) > 0.3
-    assert found.interval[0] < 0 < found.interval[1]
+    assert comparison.interval[0] < 0 < comparison.interval[1]
 
 
 def test_fewer_than_five_players_have_neither_intervals_nor_p():
@@ -99,7 +101,7 @@ def test_fewer_than_five_players_have_neither_intervals_nor_p():
 def test_a_difference_is_claimed_only_where_finishers_and_everybody_who_began_both_claim_it():
     table, values = drawn(1, shift=-0.4)
     left = np.vstack([table, np.full((2, 12), -0.1)])
-    finished, everybody = (float(policy_p(own, None, values)) for own in (table, left))
+    finished, everybody = (float(policy_p(scores, None, values)) for scores in (table, left))
     assert finished < 0.005 < everybody
     assert policy_p(table, left, values) == everybody
     assert policy_p(left, table, values) == everybody
@@ -114,7 +116,7 @@ def test_estimates_that_differ_to_opposite_sides_claim_nothing():
 
 
 def test_studies_are_tested_together_as_they_are_one_by_one():
-    tables, values = (np.stack(own) for own in zip(*map(drawn, range(4)), strict=True))
+    tables, values = (np.stack(arrays) for arrays in zip(*map(drawn, range(4)), strict=True))
     for drawn_too in (True, False):
         together = policy_p(tables, tables, values, 0.0, drawn_too)
         alone = [float(policy_p(tables[i], None, values[i], 0.0, drawn_too)) for i in range(4)]
@@ -131,9 +133,9 @@ def test_gaps_are_compared_on_the_terrains_that_a_player_finished():
     # the policy is 0.1 ahead on every terrain; the second player met the easy ones only
     easy = np.array([0.9] * 3 + [0.5] * 3)
     table = np.array([easy, [0.9] * 3 + [NAN] * 3, easy, easy, easy])
-    found = compare_policy("ppo", "score", easy + 0.1, table)
-    assert found.difference == pytest.approx(0.1)
-    assert found.interval == pytest.approx((0.1, 0.1))
+    comparison = compare_policy("ppo", "score", easy + 0.1, table)
+    assert comparison.difference == pytest.approx(0.1)
+    assert comparison.interval == pytest.approx((0.1, 0.1))
 
 
 @pytest.mark.parametrize("worst", [None, -0.5])
@@ -173,16 +175,16 @@ def test_a_policy_that_is_a_share_of_the_people_everywhere_has_that_ratio_whatev
     # the terrains cancel, the players do not
     terrain = np.random.default_rng(5).normal(1, 0.3, 30).clip(0.2)
     players = np.array([0.9, 1.0, 1.1, 0.95, 1.05])[:, None]
-    found = compare_policy("twin", "score", 0.9 * terrain, players * terrain)
-    assert found.ratio == pytest.approx(0.9)
+    comparison = compare_policy("twin", "score", 0.9 * terrain, players * terrain)
+    assert comparison.ratio == pytest.approx(0.9)
     # of five participants the interval is the range of their means
-    assert found.ratio_interval == pytest.approx((0.9 / 1.1, 1.0), rel=0.02)
+    assert comparison.ratio_interval == pytest.approx((0.9 / 1.1, 1.0), rel=0.02)
 
 
 def test_shares_of_people_who_may_be_no_better_than_random_have_no_bounds():
     table = np.array([[0.2, 0.4, 0.3], [0.5, 0.3, 0.4], [0.1, 0.2, 0.2]] * 2)
-    found = compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table, np.full(3, 0.25))
-    assert (found.normalized, found.normalized_interval) == (None, None)
+    comparison = compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table, np.full(3, 0.25))
+    assert (comparison.normalized, comparison.normalized_interval) == (None, None)
     assert (
         compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table - 0.3).ratio_interval
         is None
@@ -197,6 +199,10 @@ def test_shares_of_people_who_are_surely_worse_than_random_are_not_shown():
 
 def test_one_player_gives_no_intervals_and_a_mean_at_zero_no_ratio():
     table = np.array([[0.5, 0.7, 0.6]])
-    found = compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table)
-    assert (found.interval, found.ratio_interval, found.normalized) == (None, None, None)
+    comparison = compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table)
+    assert (comparison.interval, comparison.ratio_interval, comparison.normalized) == (
+        None,
+        None,
+        None,
+    )
     assert compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table - 0.6).ratio is None

@@ -45,7 +45,7 @@ def play_each(store, episodes):
 
 
 @pytest.mark.parametrize(
-    ("episodes", "missing", "said"),
+    ("episodes", "missing", "sentence"),
     [
         ([1], 5, "1 player and 1 episode so far, 1 of them abandoned"),
         ([5], 4, "1 player and 5 episodes so far, 1 of them abandoned"),
@@ -54,32 +54,34 @@ def play_each(store, episodes):
     ],
 )
 def test_there_is_no_mean_below_five_players_with_five_episodes_each(
-    store, episodes, missing, said
+    store, episodes, missing, sentence
 ):
     play_each(store, episodes)
-    found = human_level(store)
-    (figure,) = found["figures"]
+    level = human_level(store)
+    (figure,) = level["figures"]
     assert figure | NONE | {"missing": MISSING | {"players": missing}} == figure
     assert (figure["players"], figure["episodes"]) == (len(episodes), sum(episodes))
-    assert said in found["sentence"]
+    assert sentence in level["sentence"]
     lacks = f"{missing} {'is' if missing == 1 else 'are'} missing."
-    assert found["sentence"].endswith(f"It needs 5 players with 5 ranked episodes each: {lacks}")
+    assert level["sentence"].endswith(f"It needs 5 players with 5 ranked episodes each: {lacks}")
 
 
 def test_the_mean_is_that_of_players_with_enough_episodes_each_of_whom_weighs_the_same(store):
     play_each(store, [5, 5, 6, 9, 5, 4, 1])
-    found = human_level(store)
-    (figure,) = found["figures"]
+    level = human_level(store)
+    (figure,) = level["figures"]
     for name, value in (("score", "score"), ("steps", "steps_to_target")):
-        own = {}
+        by_player = {}
         for row in store.query("SELECT id, session_id FROM episodes"):
             (session,) = store.query(
                 "SELECT player_id FROM sessions WHERE id = ?", [row["session_id"]]
             )
-            own.setdefault(session["player_id"], []).append(store.episode(row["id"])[value])
-        means = np.array([math.fsum(each) / len(each) for each in own.values() if len(each) >= 5])
+            by_player.setdefault(session["player_id"], []).append(store.episode(row["id"])[value])
+        means = np.array(
+            [math.fsum(scores) / len(scores) for scores in by_player.values() if len(scores) >= 5]
+        )
         bounds, worst = (
-            each(environment_of("mars"), SMALL, name) for each in (metric_bounds, worst_value)
+            scores(environment_of("mars"), SMALL, name) for scores in (metric_bounds, worst_value)
         )
         whole = estimate(means[:, None], bounds, worst, terrains_drawn=False)
         assert tuple(figure[name].values()) == pytest.approx((whole.mean, *whole.interval))
@@ -90,14 +92,14 @@ def test_the_mean_is_that_of_players_with_enough_episodes_each_of_whom_weighs_th
     assert figure["completed"] == pytest.approx(np.mean([4 / 5, 4 / 5, 5 / 6, 8 / 9, 4 / 5]))
     assert (figure["level"], figure["rows"], figure["cols"]) == ("random", 5, 7)
     assert (figure["config_hash"], EnvConfig(**figure["config"])) == (SMALL.hash, SMALL)
-    assert found["sentence"].endswith(
+    assert level["sentence"].endswith(
         "Each of the 5 players with at least 5 episodes weighs the same; "
         "7 players and 35 episodes in all, 7 of them abandoned."
     )
 
 
 @pytest.fixture
-def made(monkeypatch):
+def computed(monkeypatch):
     """How many episodes each figure was made from, in the order of making."""
     counts, make = [], module._figure
     monkeypatch.setattr(
@@ -115,27 +117,27 @@ def test_volunteers_who_never_reach_the_aim_have_a_mean_and_no_interval(store):
     for number in range(5):
         for _ in range(5):
             play(store, next(seeds), f"player-{number}")
-    found = human_level(store)
-    (figure,) = found["figures"]
+    level = human_level(store)
+    (figure,) = level["figures"]
     assert figure["steps"] == {"mean": SMALL.limit, "low": None, "high": None}
-    assert "(no interval)" in found["sentence"]
+    assert "(no interval)" in level["sentence"]
 
 
-def test_a_figure_is_made_again_only_when_its_counted_episodes_are_others(store, made):
+def test_a_figure_is_made_again_only_when_its_counted_episodes_are_others(store, computed):
     for seed in range(4):
         play(store, seed, f"player-{seed}", explore=True)
     play(store, 1, config=WIDE)
-    kept = VolunteerFigures()
-    first = kept.human_level(store)
-    assert sorted(made) == [1, 4]
+    figures = VolunteerFigures()
+    first = figures.human_level(store)
+    assert sorted(computed) == [1, 4]
     open_episode(store, add_session(store), seed=5)
     play(store, 6, driver="script")
-    assert kept.human_level(store) == first
-    assert len(made) == 2
+    assert figures.human_level(store) == first
+    assert len(computed) == 2
     play(store, 9, "player-9")
-    found = kept.human_level(store)
-    assert made[2:] == [5], "the other configuration's figure is kept"
-    assert found == human_level(store) != first
+    newest = figures.human_level(store)
+    assert computed[2:] == [5], "the other configuration's figure is kept"
+    assert newest == human_level(store) != first
 
 
 LAST = "(SELECT id FROM episodes WHERE seed = 3)"
@@ -146,8 +148,8 @@ LAST = "(SELECT id FROM episodes WHERE seed = 3)"
     [
         (
             *(
-                f"DELETE FROM {each} WHERE episode_id = {LAST}"
-                for each in ("steps", "input_events", "page_loads", "event_batches")
+                f"DELETE FROM {table} WHERE episode_id = {LAST}"
+                for table in ("steps", "input_events", "page_loads", "event_batches")
             ),
             "DELETE FROM episodes WHERE seed = 3",
         ),
@@ -171,25 +173,25 @@ LAST = "(SELECT id FROM episodes WHERE seed = 3)"
 def test_an_episode_that_leaves_or_changes_does_so_in_the_next_reading(store, changes):
     for seed in range(30):
         play(store, seed, f"player-{seed % 5}", explore=seed > 0)
-    kept = VolunteerFigures()
-    before = kept.human_level(store)
+    figures = VolunteerFigures()
+    before = figures.human_level(store)
     with store.transaction():
         for sql in changes:
             assert store.connection.execute(sql).rowcount > 0
         volunteers.renew(store.connection)
-    assert kept.human_level(store) == human_level(store) != before
+    assert figures.human_level(store) == human_level(store) != before
 
 
 def test_nothing_of_erased_people_is_kept_after_the_next_reading(store):
     play(store, 1, "player-1")
-    kept = VolunteerFigures()
-    kept.human_level(store)
-    assert "player-1" not in repr(vars(kept)), "nobody's id at any time"
+    figures = VolunteerFigures()
+    figures.human_level(store)
+    assert "player-1" not in repr(vars(figures)), "nobody's id at any time"
     with store.transaction():
         store.connection.execute("UPDATE episodes SET driver = 'script'")
         volunteers.renew(store.connection)
-    assert kept.human_level(store) == {"figures": [], "sentence": NOBODY_PLAYED}
-    assert kept._cached == {}
+    assert figures.human_level(store) == {"figures": [], "sentence": NOBODY_PLAYED}
+    assert figures._cached == {}
 
 
 def test_the_interval_is_the_t_interval_of_the_mean():

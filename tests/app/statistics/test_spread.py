@@ -22,21 +22,21 @@ def uneven(seed=1, players=7, terrains=9):
 
 
 def test_the_icc_of_shrout_and_fleiss():
-    found = variance_components(SHROUT_FLEISS)
-    assert found.icc == pytest.approx(0.2898, abs=5e-5)
-    assert found.rest_sd**2 == pytest.approx(1.0194, abs=5e-5)
-    assert found.between_sd**2 == pytest.approx((11.2417 - 1.0194) / 4, abs=5e-5)
-    assert found.terrain_sd**2 == pytest.approx((32.4861 - 1.0194) / 6, abs=5e-5)
-    assert (found.n0, found.players, found.episodes) == (4, 6, 24)
+    components = variance_components(SHROUT_FLEISS)
+    assert components.icc == pytest.approx(0.2898, abs=5e-5)
+    assert components.rest_sd**2 == pytest.approx(1.0194, abs=5e-5)
+    assert components.between_sd**2 == pytest.approx((11.2417 - 1.0194) / 4, abs=5e-5)
+    assert components.terrain_sd**2 == pytest.approx((32.4861 - 1.0194) / 6, abs=5e-5)
+    assert (components.n0, components.players, components.episodes) == (4, 6, 24)
     # the interval that McGraw and Wong 1996 and the R package psych give for these data
-    assert found.icc_interval == pytest.approx((0.0188, 0.7611), abs=5e-4)
+    assert components.icc_interval == pytest.approx((0.0188, 0.7611), abs=5e-4)
 
 
 def test_the_design_effect_is_what_pooling_leaves_out_of_the_variance():
-    found = variance_components(SHROUT_FLEISS)
-    total = found.between_sd**2 + found.terrain_sd**2 + found.rest_sd**2
-    truth = found.between_sd**2 / 6 + found.rest_sd**2 / 24
-    assert found.design_effect == pytest.approx(truth / (total / 24))
+    components = variance_components(SHROUT_FLEISS)
+    total = components.between_sd**2 + components.terrain_sd**2 + components.rest_sd**2
+    truth = components.between_sd**2 / 6 + components.rest_sd**2 / 24
+    assert components.design_effect == pytest.approx(truth / (total / 24))
 
 
 def test_the_components_have_the_intervals_of_williams_and_chi_squared():
@@ -47,18 +47,21 @@ def test_the_components_have_the_intervals_of_williams_and_chi_squared():
     left = SHROUT_FLEISS - SHROUT_FLEISS.mean(1, keepdims=True) - SHROUT_FLEISS.mean(0) + means
     freedom = (p - 1) * (n - 1)
     rest = (left**2).sum() / freedom
-    found = variance_components(SHROUT_FLEISS)
+    components = variance_components(SHROUT_FLEISS)
     chi2, f = scipy.stats.chi2.ppf, scipy.stats.f.ppf
-    for ends, square, each, own in (
-        (found.between_interval, of_players, n, p - 1),
-        (found.terrain_interval, of_terrains, p, n - 1),
+    for ends, square, divisor, degrees in (
+        (components.between_interval, of_players, n, p - 1),
+        (components.terrain_interval, of_terrains, p, n - 1),
     ):
         wanted = [
-            max(0, (square - rest * f(q, own, freedom)) * own / (each * chi2(q, own))) ** 0.5
+            max(
+                0, (square - rest * f(q, degrees, freedom)) * degrees / (divisor * chi2(q, degrees))
+            )
+            ** 0.5
             for q in (0.975, 0.025)
         ]
         assert ends == pytest.approx(wanted)
-    assert found.rest_interval == pytest.approx(
+    assert components.rest_interval == pytest.approx(
         [(rest * freedom / chi2(q, freedom)) ** 0.5 for q in (0.975, 0.025)]
     )
 
@@ -74,9 +77,9 @@ def test_the_intervals_of_the_components_cover_what_was_drawn():
     truth = (*sds, (20 * player + rest) / (player + terrain + rest))
     held = np.zeros(4)
     for table in tables:
-        found = variance_components(table)
-        ends = (found.between_interval, found.terrain_interval, found.rest_interval)
-        for at, (low, high) in enumerate((*ends, found.design_effect_interval)):
+        components = variance_components(table)
+        ends = (components.between_interval, components.terrain_interval, components.rest_interval)
+        for at, (low, high) in enumerate((*ends, components.design_effect_interval)):
             held[at] += low <= truth[at] <= high
     assert (held / 1000 > 0.93).all(), held
     assert (held / 1000 < 0.99).all(), held
@@ -99,32 +102,40 @@ def test_the_icc_is_unbiased_where_players_share_their_terrains():
         rng.standard_normal(shape),
     )
     tables = sum(share * part for share, part in zip(shares, parts, strict=True))
-    found = [variance_components(table) for table in tables]
-    assert np.mean([each.icc for each in found]) == pytest.approx(0.05, abs=0.003)
+    studies = [variance_components(table) for table in tables]
+    assert np.mean([components.icc for components in studies]) == pytest.approx(0.05, abs=0.003)
     assert np.mean([one_way_icc(table) for table in tables]) < 0.04, "biased low, as it was before"
-    covered = np.mean([each.icc_interval[0] <= 0.05 <= each.icc_interval[1] for each in found])
+    covered = np.mean(
+        [components.icc_interval[0] <= 0.05 <= components.icc_interval[1] for components in studies]
+    )
     assert covered == pytest.approx(0.95, abs=0.02)
 
 
 def test_gaps_leave_the_icc_near_the_truth():
     rng = np.random.default_rng(4)
-    found = []
+    studies = []
     for _ in range(400):
         table = rng.normal(0, 1, (10, 1)) + rng.normal(0, 1, (1, 12)) + rng.normal(0, 1.4, (10, 12))
         table[rng.random(table.shape) < 0.2] = NAN
-        found.append(variance_components(table))
-    assert np.mean([each.icc for each in found]) == pytest.approx(1 / 3.96, abs=0.02)
+        studies.append(variance_components(table))
+    assert np.mean([components.icc for components in studies]) == pytest.approx(1 / 3.96, abs=0.02)
     assert (
-        np.mean([each.icc_interval[0] <= 1 / 3.96 <= each.icc_interval[1] for each in found]) > 0.92
+        np.mean(
+            [
+                components.icc_interval[0] <= 1 / 3.96 <= components.icc_interval[1]
+                for components in studies
+            ]
+        )
+        > 0.92
     )
     sizes = (~np.isnan(table)).sum(1)
-    assert found[-1].n0 == pytest.approx((sizes.sum() - (sizes**2).sum() / sizes.sum()) / 9)
+    assert studies[-1].n0 == pytest.approx((sizes.sum() - (sizes**2).sum() / sizes.sum()) / 9)
 
 
 def test_players_more_alike_than_chance_have_a_negative_icc_and_no_spread_between():
-    found = variance_components(np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]))
-    assert found.icc < 0
-    assert (found.between_sd, found.design_effect) == (0, 1)
+    components = variance_components(np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]))
+    assert components.icc < 0
+    assert (components.between_sd, components.design_effect) == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -154,6 +165,6 @@ def test_the_iqms_interval_is_that_of_the_players_shares_in_it():
     ]
     assert iqm_shares(table) == pytest.approx(shares)
     assert np.mean(shares) == pytest.approx(iqm(table))
-    own = interval(np.array(shares)[:, None], None, terrains_drawn=False)
-    assert iqm_interval(table) == pytest.approx(tuple(map(float, own)))
+    ends = interval(np.array(shares)[:, None], None, terrains_drawn=False)
+    assert iqm_interval(table) == pytest.approx(tuple(map(float, ends)))
     assert iqm_shares(np.stack([table, table + 1]))[1] == pytest.approx(np.array(shares) + 1)

@@ -61,13 +61,13 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
 ):
     path = tmp_path / "play.db"
     monkeypatch.setattr("sys.stdin", io.StringIO())  # no terminal
-    code, out, said = run(capsys, tmp_path, "close", "dunes")
-    assert (code, "1 person has moved" in said) == (2, True), "refused before anything is asked"
-    assert "for ever?" not in out + said
-    code, _, said = run(capsys, tmp_path, "close", "dunes", "--now")
-    assert (code, "--yes does without asking" in said) == (1, True)
-    code, _, said = run(capsys, tmp_path, "close", "dunes", "--yes")
-    assert (code, "1 person has moved" in said, "--now" in said) == (2, True, True)
+    code, out, printed = run(capsys, tmp_path, "close", "dunes")
+    assert (code, "1 person has moved" in printed) == (2, True), "refused before anything is asked"
+    assert "for ever?" not in out + printed
+    code, _, printed = run(capsys, tmp_path, "close", "dunes", "--now")
+    assert (code, "--yes does without asking" in printed) == (1, True)
+    code, _, printed = run(capsys, tmp_path, "close", "dunes", "--yes")
+    assert (code, "1 person has moved" in printed, "--now" in printed) == (2, True, True)
     assert Folder(tmp_path / "play.db-studies").status("dunes") == "open"
     assert outcomes(path)[None] == 2
     assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
@@ -170,8 +170,8 @@ def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_
         command(capsys, "release", "--study", "dunes", "--author", "Ada", "--out", out, *where)[0]
         == 0
     )
-    code, said, _ = command(capsys, "reproduce", out)
-    assert (code, "0 differ" in said) == (0, True)
+    code, printed, _ = command(capsys, "reproduce", out)
+    assert (code, "0 differ" in printed) == (0, True)
     report = json.loads((out / "report.json").read_text())
     (group,) = report["groups"]
     flow = group["flow"]

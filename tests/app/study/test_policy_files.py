@@ -60,8 +60,8 @@ def moves(study, mine, files=None):
 def test_freezing_records_every_file_and_keeps_it(study, mine, tmp_path):
     ppo = find_file("ppo")  # the policy that costs are relative to
     assert study.protocol.policy_hashes == {str(mine): sha256(mine), "ppo": sha256(ppo)}
-    kept = tmp_path / "playground.db-studies" / "dunes" / "policies"
-    assert {path.name: path.read_bytes() for path in kept.iterdir()} == {
+    copy = tmp_path / "playground.db-studies" / "dunes" / "policies"
+    assert {path.name: path.read_bytes() for path in copy.iterdir()} == {
         f"{sha256(mine)}.onnx": mine.read_bytes(), f"{sha256(ppo)}.onnx": ppo.read_bytes()
     }  # fmt: skip
 
@@ -84,12 +84,12 @@ def test_a_frozen_study_plays_its_own_file_when_the_path_holds_another_one_or_no
 
 def test_a_lost_file_is_said_and_no_other_one_plays(study, mine, tmp_path):
     write_onnx(mine, seed=2)
-    kept = study.policy_files.place(str(mine))
-    kept.unlink()
-    with pytest.raises(PolicyError, match=f"and that file is not here.* to {kept}"):
+    copy = study.policy_files.place(str(mine))
+    copy.unlink()
+    with pytest.raises(PolicyError, match=f"and that file is not here.* to {copy}"):
         moves(study, mine, study.policy_files)
     assert _play(study, "warm_up") == []
-    kept.write_bytes(mine.read_bytes())
+    copy.write_bytes(mine.read_bytes())
     with pytest.raises(PolicyError, match="no other one is played in its place"):
         moves(study, mine, study.policy_files)
 
@@ -97,14 +97,14 @@ def test_a_lost_file_is_said_and_no_other_one_plays(study, mine, tmp_path):
 def test_verify_names_a_kept_file_that_is_lost_or_changed(study, mine, tmp_path):
     folder = Folder(tmp_path / "playground.db-studies")
     assert list(check_policy_files(folder, ["dunes"])) == []
-    kept = study.policy_files.place(str(mine))
-    kept.write_bytes(b"another one")
+    copy = study.policy_files.place(str(mine))
+    copy.write_bytes(b"another one")
     (finding,) = check_policy_files(folder, ["dunes"])
     assert (finding.where, finding.found) == (
-        f"file {kept}",
+        f"file {copy}",
         hashlib.sha256(b"another one").hexdigest(),
     )
-    kept.unlink()
+    copy.unlink()
     (finding,) = check_policy_files(folder, ["dunes"])
     assert finding.found == "no such file"
 
@@ -142,5 +142,5 @@ def test_a_shipped_file_is_found_by_its_hash_whatever_its_name_is_now(
     (later_version / "ppo-first.onnx").unlink()
     with pytest.raises(PolicyError, match="'ppo' of SHA-256"):
         files.source("ppo")
-    kept = study.policy_files.place("ppo")
-    assert study.policy_files.source("ppo") == str(kept), "it keeps its own"
+    copy = study.policy_files.place("ppo")
+    assert study.policy_files.source("ppo") == str(copy), "it keeps its own"

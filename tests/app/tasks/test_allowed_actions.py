@@ -84,8 +84,8 @@ def test_a_mask_that_does_not_fit_is_refused_before_the_page_opens():
 @pytest.mark.parametrize("how", WAYS)
 def test_what_is_drawn_at_random_is_allowed(made, how):
     """An environment that raises at every other action is examined, and played by `random`."""
-    found = examine(doors(how), seeds=2, steps=30)
-    assert (found.differences, found.steps) == ((), 60)
+    examination = examine(doors(how), seeds=2, steps=30)
+    assert (examination.differences, examination.steps) == ((), 60)
     task = made(doors(how))
     policy = task.policies.load("random")
     run = task.policies.play(policy, task.default, 3, 3)

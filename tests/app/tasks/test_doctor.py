@@ -55,11 +55,11 @@ def examined(kind, reason):
     [pytest.param(each, marks=[pytest.mark.long] * (each in REPEATS)) for each in EXPECTED],
 )
 def test_what_is_odd_is_named(reason):
-    found = examined("Odd", reason)
-    first = found.differences[0]
+    examination = examined("Odd", reason)
+    first = examination.differences[0]
     variant, part, cause = EXPECTED[reason]
     assert (first.variant, first.part) == (variant, part)
-    assert cause in found.verdict
+    assert cause in examination.verdict
     assert (first.step > 1000) == (reason == "late")
 
 
@@ -75,8 +75,8 @@ def test_what_heeds_the_seed_of_make_alone_is_told_what_to_write(capsys):
     code, said, _ = command(capsys, "doctor", env, "--seeds", 2, "--steps", 30)
     assert code == 1
     assert 'write `seeding = "kwarg"` into its file' in said.splitlines()[0]
-    told = Description(id=env, seeding="kwarg").told
-    assert examine(f"gymnasium:{told}", seeds=1, steps=30).differences == ()
+    description = Description(id=env, seeding="kwarg").told
+    assert examine(f"gymnasium:{description}", seeds=1, steps=30).differences == ()
 
 
 def test_what_would_take_longer_than_it_may_is_shortened_and_says_so(capsys):
@@ -146,9 +146,9 @@ def test_an_even_twin_passes(reason):
 
 @pytest.mark.long
 def test_a_state_that_reset_leaves_is_reported_and_does_not_count():
-    found = examined("Odd", "reset")
-    assert found.differences == ()
-    assert (found.used.variant, found.used.step) == ("used environment", 0)
+    examination = examined("Odd", "reset")
+    assert examination.differences == ()
+    assert (examination.used.variant, examination.used.step) == ("used environment", 0)
 
 
 @pytest.mark.parametrize(
@@ -156,11 +156,11 @@ def test_a_state_that_reset_leaves_is_reported_and_does_not_count():
 )
 def test_gymnasiums_own_pass_with_their_costs(env, capsys):
     code, said, _ = command(capsys, "doctor", env, "--seeds", 2, "--steps", 30, "--json")
-    found = json.loads(said)
-    assert (code, found["exact"], found["steps"]) == (0, True, 60)
-    assert min(found["step_ms"], found["picture_ms"], *found["picture"]) > 0
-    assert found["picture_bytes"] > 100
-    assert all(found["keys"].values())
+    examination = json.loads(said)
+    assert (code, examination["exact"], examination["steps"]) == (0, True, 60)
+    assert min(examination["step_ms"], examination["picture_ms"], *examination["picture"]) > 0
+    assert examination["picture_bytes"] > 100
+    assert all(examination["keys"].values())
 
 
 def test_what_differs_ends_with_1_and_what_cannot_be_played_with_2(capsys):
@@ -180,29 +180,29 @@ def test_what_differs_ends_with_1_and_what_cannot_be_played_with_2(capsys):
         assert "| cannot be played: " in line
         assert words in line
     for env, words in {"Nothing-v0": "knows no environment", "Pendulum-v1": "discrete"}.items():
-        code, said, why = command(capsys, "doctor", env)
+        code, said, message = command(capsys, "doctor", env)
         assert (code, said) == (2, "")
-        assert words in why
+        assert words in message
 
 
 @pytest.mark.parametrize(
     ("how", "score", "wrong"), [("nan", "return", "its reward is nan"), ("told", "info.coins", "its info.coins is inf")]
 )  # fmt: skip
 def test_what_is_not_finite_is_found(how, score, wrong):
-    told = Description(
+    description = Description(
         id="tests.support.environments:Failing-v0", kwargs={"how": how}, score=score
     ).told
     with pytest.raises(ValueError, match=wrong):
-        examine(f"gymnasium:{told}", seeds=1, steps=30)
+        examine(f"gymnasium:{description}", seeds=1, steps=30)
 
 
 def test_no_study_is_frozen_of_what_does_not_pass(capsys, tmp_path, briefly_examined):
     database = ("--database", tmp_path / "play.db")
     env = ("--env", f"{ODD}:Odd-counter-v0", "--declarations", DECLARATIONS_FILE)
     assert command(capsys, "study", "new", "odd", *env, *database)[0] == 0
-    code, _, why = command(capsys, "study", "freeze", "odd", "--underpowered", *database)
+    code, _, message = command(capsys, "study", "freeze", "odd", "--underpowered", *database)
     assert code == 2
-    assert "does not follow from seed and actions" in why
-    assert "a counter kept on the class" in why
-    assert "humanplay doctor" in why
+    assert "does not follow from seed and actions" in message
+    assert "a counter kept on the class" in message
+    assert "humanplay doctor" in message
     assert not (tmp_path / "play.db-studies" / "odd" / "secret").exists()

@@ -169,18 +169,18 @@ def test_its_replay_is_a_page_and_files_of_what_was_shown(lake, tmp_path, capsys
     frames = play(lake, client, begin(lake, client))
     last = frames[-1]
     at, shown = f"/replay/{last['episode']}", [frame["picture"] for frame in frames]
-    told = client.get(f"/api{at.replace('replay', 'episodes')}/replay").json()
-    assert (told["run"]["name"], told["ghosts"], told["task"]) == (
+    replay = client.get(f"/api{at.replace('replay', 'episodes')}/replay").json()
+    assert (replay["run"]["name"], replay["ghosts"], replay["task"]) == (
         "You",
         [],
         describe(environment_of(LAKE)),
     )
-    assert [frame["picture"] for frame in told["run"]["frames"]] == shown
-    assert told["run"]["sentence"].endswith(
+    assert [frame["picture"] for frame in replay["run"]["frames"]] == shown
+    assert replay["run"]["sentence"].endswith(
         f"after {last['step']} moves: return {last['return']:g}"
     )
     page = client.get(at).text
-    assert told["run"]["sentence"] in page
+    assert replay["run"]["sentence"] in page
     assert "#challenge" not in page
     alone = client.get(f"{at}.html").text
     assert all(picture in alone for picture in shown)
@@ -197,7 +197,7 @@ def test_its_replay_is_a_page_and_files_of_what_was_shown(lake, tmp_path, capsys
     args = ["--database", str(tmp_path / "playground.db"), "--out", str(out)]
     code, said, _ = command(capsys, "replay", last["episode"], *args)
     assert (code, f"{last['step']} moves" in said) == (0, True)
-    assert told["run"]["sentence"] in out.read_text()
+    assert replay["run"]["sentence"] in out.read_text()
 
 
 def test_a_replay_of_texts_is_drawn_and_one_of_many_pictures_leaves_some_out(monkeypatch):

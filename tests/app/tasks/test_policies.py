@@ -20,13 +20,13 @@ PATH, OWN = "tests.support.environments:Path-v0", "tests.support.environments"
 
 def network(path, shape, nodes, weights, out, kind=TensorProto.FLOAT, name="input"):
     """Write a network as an export of Stable-Baselines3 is: a batch of one in, actions first out."""
-    given = helper.make_tensor_value_info(name, kind, [1, *shape])
-    told = helper.make_tensor_value_info("actions", out, None)
+    observed = helper.make_tensor_value_info(name, kind, [1, *shape])
+    actions = helper.make_tensor_value_info("actions", out, None)
     held = [
         helper.make_tensor(key, TensorProto.FLOAT, value.shape, value.ravel())
         for key, value in weights.items()
     ]
-    graph = helper.make_graph(nodes, "policy", [given], [told], held)
+    graph = helper.make_graph(nodes, "policy", [observed], [actions], held)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     onnx.save(model, path)
     return path
@@ -44,7 +44,7 @@ def balancing(tmp_path):
 
 
 @pytest.fixture
-def made():
+def new_task():
     tasks = []
 
     def make(told, *policies):
@@ -61,8 +61,8 @@ def played(task, name, seed=3):
     return task.policies.play(policy, task.default, seed, seed)
 
 
-def test_an_onnx_file_decides_by_observations_alone(made, balancing):
-    task = made("CartPole-v1", str(balancing))
+def test_an_onnx_file_decides_by_observations_alone(new_task, balancing):
+    task = new_task("CartPole-v1", str(balancing))
     assert [offer.name for offer in task.policies.offers()] == ["random", "balancing"]
     assert len(played(task, "balancing").actions) > 3 * len(played(task, "random").actions)
 
@@ -86,18 +86,18 @@ def test_an_entry_of_an_observation_is_given_by_its_name(tmp_path):
     assert chooser(str(path), 0)(observation, np.ones(4, bool)) == 2
 
 
-def test_random_actions_are_valid_and_follow_from_the_seed(made):
+def test_random_actions_are_valid_and_follow_from_the_seed(new_task):
     draw = chooser("random", 5)
     drawn = {draw(None, np.array([0, 1, 0, 0, 1, 0], bool)) for _ in range(50)}
     assert drawn == {1, 4}
-    task = made("FrozenLake-v1")
+    task = new_task("FrozenLake-v1")
     first, again, other = (bytes(played(task, "random", seed).actions) for seed in (1, 1, 2))
     assert first == again != other
 
 
-def test_what_it_decided_is_remembered_as_an_episode_goes_on_elsewhere(made):
+def test_what_it_decided_is_remembered_as_an_episode_goes_on_elsewhere(new_task):
     """A board that is resumed tells the moves so far: the policy decides as it did, and the same comes of it."""
-    task = made("FrozenLake-v1")
+    task = new_task("FrozenLake-v1")
     whole = bytes(played(task, "random", 1).actions)
     policy = task.policies.load("random")
     policy.reset(1)
@@ -112,11 +112,11 @@ def test_what_it_decided_is_remembered_as_an_episode_goes_on_elsewhere(made):
     assert run.outcome != "running"
 
 
-def test_what_cannot_play_says_why(made):
+def test_what_cannot_play_says_why(new_task):
     with pytest.raises(PolicyError, match="expected random, module:function or an ONNX file"):
-        made(PATH, "there_is_none.onnx")
+        new_task(PATH, "there_is_none.onnx")
     with pytest.raises(PolicyError, match="expected an action of Discrete"):
-        made(PATH, f"{OWN}:nowhere").guards()
+        new_task(PATH, f"{OWN}:nowhere").guards()
     with pytest.raises(ValueError, match="expected a function as module:function"):
         prepare_source(f"{OWN}:none")
 
@@ -125,7 +125,7 @@ def test_it_plays_beside_a_person_and_by_itself_and_both_are_verified(serve, tmp
     rule = f"{OWN}:forward"
     server = serve(task=f"gymnasium:{PATH}", offered=(Path(rule),))
     client = server.page()
-    assert [each["name"] for each in client.get("/api/policies").json()] == ["random", rule]
+    assert [policy["name"] for policy in client.get("/api/policies").json()] == ["random", rule]
     begun = client.post("/api/sessions", json={"rival": rule}).json()
     with (
         server.socket(begun["session"], client) as mine,
@@ -158,15 +158,15 @@ def test_moves_of_actions_that_share_an_initial_are_told_apart_in_a_release():
         assert len(set(letters)) == len(environment_of(name).actions)
 
 
-def test_a_study_measures_them_on_its_seeds(made, balancing):
+def test_a_study_measures_them_on_its_seeds(new_task, balancing):
     environment = GymnasiumEnvironment("CartPole-v1")
-    found = [
+    episodes = [
         *environment.policies.play_all(["random", str(balancing)], environment.default, [4, 5])
     ]
     environment.policies.close()
-    assert [(source, seed) for source, seed, _, _ in found] == [
+    assert [(source, seed) for source, seed, _, _ in episodes] == [
         ("random", 4), ("random", 5), (str(balancing), 4), (str(balancing), 5),
     ]  # fmt: skip
-    for _, seed, moves, digest in found:
+    for _, seed, moves, digest in episodes:
         assert environment.run(environment.default, seed, moves).digest == digest
     assert environment.policies.compared == ("random",)

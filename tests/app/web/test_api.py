@@ -44,19 +44,19 @@ def test_a_script_plays_a_whole_episode_and_every_frame_is_the_cores(server, lev
     answer = client.post("/api/sessions", json={"level": level, "size": size, "seed": 11})
     assert answer.status_code == 201
     begun = answer.json()
-    told = {"player": "human", "level": level, "size": size, "counts": False, "rival": None}
-    assert told.items() <= begun.items()
+    expected = {"player": "human", "level": level, "size": size, "counts": False, "rival": None}
+    assert expected.items() <= begun.items()
     shape = size if isinstance(size, int) else tuple(size)
     episode = Episode.begin(EnvConfig.of(level, shape), seed=11)
     assert json.loads(View(episode).frame(begun["frame"]["episode"])) == begun["frame"]
     last = play(client, begun["session"], begun["frame"], episode, load("frontier-cost"))
     assert last["outcome"] == episode.outcome == "explored"
-    kept = client.get(f"/api/episodes/{last['episode']}").json()
-    assert [ACTIONS.index(action) for action in kept["actions"]] == list(episode.actions)
-    told = {"seed": 11, "outcome": "explored", "driver": "script", "counts": False}
-    told |= {name: last[name] for name in ("coverage", "score")}
-    assert told.items() <= kept.items()
-    assert kept["trajectory_hash"] == episode.record().trajectory_hash
+    stored = client.get(f"/api/episodes/{last['episode']}").json()
+    assert [ACTIONS.index(action) for action in stored["actions"]] == list(episode.actions)
+    expected = {"seed": 11, "outcome": "explored", "driver": "script", "counts": False}
+    expected |= {name: last[name] for name in ("coverage", "score")}
+    assert expected.items() <= stored.items()
+    assert stored["trajectory_hash"] == episode.record().trajectory_hash
     assert last["cells"] == episode.cells, "what nobody can see counts for nothing"
     assert last["coverage"] == last["discovered"] / last["cells"]
     assert client.get("/api/me/history").json()["episodes"][0]["coverage"] == last["coverage"]
@@ -111,8 +111,8 @@ def test_the_next_episode_abandons_the_running_one_and_keeps_what_is_left_out(se
         [9, 14],
     ]
     assert (following["frame"]["step"], following["frame"]["episode"] != first) == (0, True)
-    kept = client.get(f"/api/episodes/{first}").json()
-    assert (kept["outcome"], kept["steps"]) == ("abandoned", 1)
+    stored = client.get(f"/api/episodes/{first}").json()
+    assert (stored["outcome"], stored["steps"]) == ("abandoned", 1)
     changed = client.post(f"{url}/episodes", json={"size": 6, "level": "random", "seed": 3}).json()
     assert (changed["size"], changed["level"], changed["counts"]) == (6, "random", False)
     assert client.get(f"{url}/about").json() == changed
@@ -266,8 +266,8 @@ def test_a_policys_session_is_driven_by_the_policy_alone(server):
     act = {"episode": frame["episode"], "step": client.get(url).json()["step"], "action": "east"}
     assert client.post(f"{url}/act", json=act).status_code == 409
     last = eventually(lambda: (now := client.get(url).json())["outcome"] and now)
-    kept = client.get(f"/api/episodes/{last['episode']}").json()
-    assert (last["outcome"], kept["driver"]) == ("explored", "policy:frontier-cost")
+    stored = client.get(f"/api/episodes/{last['episode']}").json()
+    assert (last["outcome"], stored["driver"]) == ("explored", "policy:frontier-cost")
     refused = client.post(f"{url}/pace", json={"follow": True})
     assert "only a rival can follow" in refused.json()["detail"]
 
