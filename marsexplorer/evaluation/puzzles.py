@@ -27,9 +27,9 @@ from marsexplorer.policies.kernels.visibility import word_and_bit
 from marsexplorer.policies.lookahead import LookaheadArrays
 
 SEEDS = range(6 * 10**12, 6 * 10**12 + 10**6)
-"""Of the terrains; of those that others draw, about one in nine thousand million is among them."""
+"""The seeds of the terrains; of seeds drawn elsewhere about one in nine thousand million is here."""
 CONFIG = EnvConfig.of("random", 21)
-WHEEL = "frontier-cost"
+DRIVER = "frontier-cost"
 """The rule that drives to the positions."""
 KNOWN = (0.2, 0.95)
 """Share of the cells that is known in a position."""
@@ -87,7 +87,7 @@ class Judge:
     def __init__(self, seed: int, terrain: NDArray[np.bool_]) -> None:
         self._arrays = LookaheadArrays((CONFIG.rows, CONFIG.cols), CONFIG.sensor_radius, TERRAINS)
         self._state = np.array([seed], np.uint64)
-        self._own = self._bits(terrain)
+        self._true_terrain = self._bits(terrain)
 
     def _bits(self, terrain: NDArray[np.bool_]) -> NDArray[np.uint64]:
         stride, radius = self._arrays.board.board[2][4:]
@@ -130,7 +130,7 @@ class Judge:
         means, errors = saved.mean(1), saved.std(1, ddof=1) / np.sqrt(saved.shape[1])
         if (means < LEAST_SAVED).any() or (means <= 2 * errors).any():
             return None
-        here = self._tried(list(moves.values()), self._own, 1, rover, visited)[:, 0]
+        here = self._tried(list(moves.values()), self._true_terrain, 1, rover, visited)[:, 0]
         if here.max() >= most:
             return None
         nearest = int(means.argmin())
@@ -160,9 +160,8 @@ class Judge:
         real = (arrays.board.board, arrays.done, arrays.rover)
         target = int(completion_target(visited.size))
         costs = np.zeros((len(cells), count))
-        for first in range(
-            0, count, BLOCK
-        ):  # of more at a time `compare` would drop what falls behind
+        # of more terrains at a time `compare` would drop the moves that fall behind
+        for first in range(0, count, BLOCK):
             block = truths[first : first + BLOCK]
             used = min(BLOCK, count - first)
             compare(
@@ -192,7 +191,7 @@ def _free_moves(codes: NDArray[np.uint8], cell: int, rows: int, cols: int) -> di
 
 def puzzle_on(seed: int) -> Puzzle | None:
     """The position of a terrain whose answer saves most; None if there is none."""
-    episode, policy, memory = Episode.begin(CONFIG, seed=seed), policies.load(WHEEL), Memory()
+    episode, policy, memory = Episode.begin(CONFIG, seed=seed), policies.load(DRIVER), Memory()
     judge = Judge(seed, episode.terrain)
     policy.reset(0)
     best: Puzzle | None = None

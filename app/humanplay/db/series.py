@@ -1,4 +1,6 @@
-"""Series in the database, studies and daily terrains: written by a server, and read for reports, releases and the leaderboard.
+"""Series in the database: studies and daily terrains.
+
+A server writes them; reports, releases and the leaderboard read them.
 
 `StudyStore` works on the store's connection and in its transactions: `humanplay.db.store` stays the one writer. Whatever
 changes a participant or a study appends an entry to the chain in the same transaction (`humanplay.db.chain`). The functions
@@ -85,7 +87,7 @@ class StudyStore:
         return self._store.connection
 
     def note_closed(self, study: SeriesRow) -> None:
-        """Write the end of a study that somebody had joined, with its secret unless that is kept."""
+        """Write that a study was closed, with its secret unless that is kept."""
         if study.closed_ms is None and study.secret_kept_ms is None:
             return
         with self._store.transaction():
@@ -97,7 +99,10 @@ class StudyStore:
                 chain.append_marks(self._conn)
 
     def note_freezing(self, study: SeriesRow) -> None:
-        """Append entries of the freezing and opening of a study that nobody need have joined; again changes nothing."""
+        """Append a study's freezing to the chain; a second call changes nothing.
+
+        Nobody need have joined it.
+        """
         with self._store.transaction():
             chain.append_marks(self._conn, [chain.freezing_of(study)])
 
@@ -107,21 +112,24 @@ class StudyStore:
             chain.append_marks(self._conn, [chain.act_of(study, act, **details)])
 
     def is_closed(self, name: str) -> bool:
-        """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
+        """Whether the database says that a study is closed.
+
+        Its terrains are public then, whatever its files say.
+        """
         sql = "SELECT 1 FROM series WHERE name = ? AND closed_ms IS NOT NULL"
-        found = self._conn.execute(sql, [name]).fetchone()
-        return found is not None
+        row = self._conn.execute(sql, [name]).fetchone()
+        return row is not None
 
     def open_names(self) -> dict[str, bool]:
-        """Return the studies that the database does not know to be closed, by name: whether it keeps the secret."""
+        """The studies that are not closed: name -> whether the secret is to be kept."""
         sql = "SELECT name, secret_kept_ms IS NOT NULL FROM series WHERE closed_ms IS NULL"
         return {name: bool(is_kept) for name, is_kept in self._conn.execute(sql).fetchall()}
 
     def participant(self, participant_id: str) -> Participant:
         """Return a participant as the database has them now."""
-        found = self._find("id = ?", participant_id)
-        assert found is not None
-        return found
+        person = self._find("id = ?", participant_id)
+        assert person is not None
+        return person
 
     def is_participant(self, participant_id: str) -> bool:
         """Whether there is a participant of this id; there is none once they are erased."""
@@ -132,7 +140,7 @@ class StudyStore:
         return self._find("study = ? AND player_id = ?", study, player_id)
 
     def participant_of_session(self, session_id: str) -> Participant | None:
-        """Return the participant whose board a session is, or one of whose boards; None when it is nobody's."""
+        """The participant who has, or had, a session as their board; None if nobody."""
         sql = """id = (SELECT participant_id FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
             WHERE e.session_id = ? LIMIT 1)"""
         return self._find(f"session_id = ?1 OR {sql.replace('?', '?1')}", session_id)
@@ -144,22 +152,22 @@ class StudyStore:
         return self._find(sql, name, value, study)
 
     def identities(self, study: str, name: str) -> list[tuple[Participant, str]]:
-        """Return everybody in a study who came with an outside id of this name, and the id."""
+        """Everybody in a study who came with an outside id of this name, and the id."""
         sql = """SELECT i.value, p.* FROM identities i JOIN participants p ON p.id = i.participant_id
             WHERE i.name = ? AND p.study = ? ORDER BY p.joined_ms, p.id"""
-        found = self._conn.execute(sql, (name, study)).fetchall()
-        return [(Participant(*row[1:]), str(row[0])) for row in found]
+        people = self._conn.execute(sql, (name, study)).fetchall()
+        return [(Participant(*row[1:]), str(row[0])) for row in people]
 
     def consented_with_invitation(self, study: str, invitation: str) -> Participant | None:
-        """Return who has used an invitation up by agreeing to the consent text; None while nobody has."""
+        """Who used an invitation up by agreeing to the consent text; None if nobody."""
         sql = "study = ? AND invitation = ? AND consent_ms IS NOT NULL"
         return self._find(sql, study, invitation)
 
     def is_invitation_forgotten(self, study: str, invitation: str) -> bool:
         """Return whether an invitation was used by somebody who was erased since."""
         sql = "SELECT 1 FROM forgotten_people WHERE id_hash = ?"
-        known = invitation_hash(study, invitation)
-        return self._conn.execute(sql, [known]).fetchone() is not None
+        id_hash = invitation_hash(study, invitation)
+        return self._conn.execute(sql, [id_hash]).fetchone() is not None
 
     def count_stage_events(self, participant_id: str, kind: str) -> int:
         """Return how many events of a kind a participant has."""
@@ -169,8 +177,8 @@ class StudyStore:
     def identity(self, participant_id: str, name: str) -> str | None:
         """Return the outside id a participant came with; None without one."""
         sql = "SELECT value FROM identities WHERE participant_id = ? AND name = ?"
-        found = self._conn.execute(sql, (participant_id, name)).fetchone()
-        return None if found is None else str(found[0])
+        row = self._conn.execute(sql, (participant_id, name)).fetchone()
+        return None if row is None else str(row[0])
 
     def identities_of(self, participant_id: str) -> dict[str, str]:
         """Return the outside ids that a participant came with, by name."""
@@ -189,7 +197,11 @@ class StudyStore:
         identities: Mapping[str, str],
         joined: Mapping[str, object] | None = None,
     ) -> None:
-        """Add a participant, and who they are elsewhere; `joined` goes into the detail of the stage event."""
+        """Add a participant and their outside ids.
+
+        Args:
+            joined: Further details of the stage event "joined".
+        """
         with self._changing(participant.id):
             self._store.add_player(participant.player_id, participant.joined_ms)
             self._conn.execute(TABLES["participants"].insert(), tuple(vars(participant).values()))
@@ -220,7 +232,7 @@ class StudyStore:
             self._add(participant_id, at_ms, BLOCK_EVENT, detail)
 
     def blocks_done(self, participant_id: str) -> set[tuple[str, int]]:
-        """Return the name and the turn of each block that a participant has answered or skipped."""
+        """(name, turn) of each block that a participant has answered or skipped."""
         sql = """SELECT json_extract(detail, '$.block'), json_extract(detail, '$.turn') FROM stage_events
             WHERE participant_id = ? AND kind = ?"""
         return set(self._conn.execute(sql, (participant_id, BLOCK_EVENT)).fetchall())
@@ -246,8 +258,8 @@ class StudyStore:
         """Withdraw a participant; one who never agreed leaves no outside id behind.
 
         Args:
-            erase: They ask that what they have played be erased.
-            outcome: As what it ends for them, where it is not their wish.
+            erase: Whether they ask that what they have played be erased.
+            outcome: How taking part ends for them, if it was not their own wish.
         """
         with self._changing(participant.id):
             if participant.consent_ms is None:
@@ -295,8 +307,8 @@ class StudyStore:
     def settings(self, participant_id: str) -> list[PlayerSettings]:
         """Return what a participant has chosen, every version so far."""
         sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
-        found = self._conn.execute(sql, [participant_id]).fetchall()
-        return [json.loads(detail) for (detail,) in found]
+        versions = self._conn.execute(sql, [participant_id]).fetchall()
+        return [json.loads(detail) for (detail,) in versions]
 
     def set_session(self, participant_id: str, session_id: str) -> None:
         """Set the session that is the participant's board."""
@@ -306,7 +318,10 @@ class StudyStore:
     def add_trial(
         self, participant_id: str, episode_id: str, phase: Phase, trial: int, terrain: int
     ) -> None:
-        """Add an episode as the participant's trial; call it in the transaction that opens the episode."""
+        """Add an episode as a participant's trial.
+
+        Call it in the transaction that opens the episode.
+        """
         with self._store.transaction():
             sql = "INSERT INTO series_episodes SELECT ?, study, id, NULL, ?, ?, ? FROM participants WHERE id = ?"
             self._conn.execute(sql, (episode_id, phase, trial, terrain, participant_id))
@@ -346,15 +361,16 @@ class StudyStore:
         self.add_stage_event(participant_id, at_ms, ARM_EVENT, detail)
 
     def order_number(self, participant: Participant, at_ms: int) -> int:
-        """The place (from 0) among those of a kind and arm who begin ranked terrains.
+        """The participant's place (from 0) among those of their kind and arm.
 
-        It is fixed when first asked for and kept as a stage event, so it outlives a restart, and no two participants of
-        one database get the same.
+        They are counted as they begin ranked terrains. The place is fixed when first asked for and
+        stored as a stage event, so it outlives a restart, and no two participants of one database
+        get the same.
         """
         with self._store.transaction():
-            known = self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
-            if known is not None:
-                return int(known[0])
+            noted = self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
+            if noted is not None:
+                return int(noted[0])
             arm = self.arm(participant.id)
             group = (participant.study, participant.kind, ORDER_EVENT, arm)
             (number,) = self._conn.execute(_NEXT_ORDER_NUMBER, group).fetchone()
@@ -376,9 +392,9 @@ class StudyStore:
         return self._conn.execute(sql, (episode_id, participant_id)).fetchone() is not None
 
     def phase_and_stage(self, episode_id: str) -> tuple[Phase, Stage] | None:
-        """Return the phase of an episode and the stage its participant is at now; None for an episode of no study."""
-        found = self._conn.execute(_PHASE_AND_STAGE, [episode_id]).fetchone()
-        return None if found is None else (found[0], found[1])
+        """(phase of an episode, its participant's stage now); None outside a study."""
+        row = self._conn.execute(_PHASE_AND_STAGE, [episode_id]).fetchone()
+        return None if row is None else (row[0], row[1])
 
     @contextmanager
     def _changing(self, participant_id: str) -> Iterator[None]:
@@ -396,8 +412,8 @@ class StudyStore:
         values = (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
         self._conn.execute(_ADD_EVENT, values)
 
-    def _find(self, where: str, *values: str) -> Participant | None:
-        row = self._conn.execute(f"SELECT * FROM participants WHERE {where}", values).fetchone()
+    def _find(self, condition: str, *values: str) -> Participant | None:
+        row = self._conn.execute(f"SELECT * FROM participants WHERE {condition}", values).fetchone()
         return None if row is None else Participant(*row)
 
 
@@ -409,7 +425,7 @@ _WITHDRAWALS = """SELECT v.* FROM stage_events v JOIN participants p ON p.id = v
     WHERE p.study = ? AND v.kind = 'withdrawn'"""
 OF_PEOPLE = """SELECT x.* FROM {} x JOIN participants p ON p.id = x.participant_id
     WHERE p.study = ? AND p.kind = 'human' AND p.consent_ms IS NOT NULL"""
-"""The rows (SQL) in a table of answers of the people who agreed to take part in a study."""
+"""The rows (SQL) of a table of answers that are of people who agreed to take part."""
 _CLOSED = """SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NOT NULL AND secret IS NOT NULL
     AND json_extract(protocol, '$.dry_run_of') IS NULL ORDER BY closed_ms DESC"""
 DRY_RUNS = """SELECT count(DISTINCT y.name) AS dry_runs, count(*) AS dry_run_people
@@ -421,14 +437,14 @@ DRY_RUNS = """SELECT count(DISTINCT y.name) AS dry_runs, count(*) AS dry_run_peo
 
 def find_study(reader: Reader, name: str) -> SeriesRow | None:
     """Return a study; None when nobody has joined one of this name."""
-    found = reader.query("SELECT * FROM series WHERE name = ?", [name])
-    return SeriesRow(**found[0]) if found else None
+    matching = reader.query("SELECT * FROM series WHERE name = ?", [name])
+    return SeriesRow(**matching[0]) if matching else None
 
 
 def study_names(reader: Reader) -> list[str]:
     """Return the names of all studies that somebody has joined, sorted."""
-    found = reader.query("SELECT name FROM series WHERE kind = 'study' ORDER BY name")
-    return [row["name"] for row in found]
+    studies = reader.query("SELECT name FROM series WHERE kind = 'study' ORDER BY name")
+    return [row["name"] for row in studies]
 
 
 def closed_studies(reader: Reader) -> list[SeriesRow]:
@@ -449,9 +465,12 @@ def count_participants(reader: Reader, study: str) -> int:
 
 
 def count_places(reader: Reader, study: str, since_ms: int | None) -> int:
-    """Count the people who finished, or agreed after a time; None: all who agreed.
+    """Count the people who finished, or who agreed after a time.
 
-    An erased person counts where they had finished: when the others agreed is not known any more.
+    An erased person counts if they had finished: when the others agreed is not stored any more.
+
+    Args:
+        since_ms: None counts all who agreed.
     """
     sql = """SELECT count(*) AS n FROM participants WHERE study = ?1 AND kind = 'human' AND consent_ms IS NOT NULL
         AND (?2 IS NULL OR completed_ms IS NOT NULL OR consent_ms > ?2)"""
@@ -466,7 +485,10 @@ def count_dry_runs(reader: Reader, study: str) -> tuple[int, int]:
 
 
 def count_freezings(reader: Reader, study: str) -> int:
-    """Return how often a study of this name was frozen, as the chain says: secrets that were tried out stand there."""
+    """How often a study of this name was frozen, by the chain.
+
+    So secrets that were tried out show.
+    """
     sql = "SELECT count(*) AS n FROM chain WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?"
     return int(reader.query(sql, [study])[0]["n"])
 
@@ -476,12 +498,12 @@ def of_same_configuration(reader: Reader, row: SeriesRow) -> list[tuple[str, int
     sql = """SELECT DISTINCT json_extract(note, '$.study') AS name, json_extract(note, '$.frozen_ms') AS frozen_ms FROM chain
         WHERE kind = 'frozen' AND json_extract(note, '$.study') <> ? AND json_extract(note, '$.configuration') = ?
         AND json_extract(note, '$.dry_run_of') IS NULL ORDER BY 2, 1"""
-    found = reader.query(sql, [row.name, chain.configuration_hash(row.protocol)])
-    return [(each["name"], each["frozen_ms"]) for each in found]
+    freezings = reader.query(sql, [row.name, chain.configuration_hash(row.protocol)])
+    return [(freezing["name"], freezing["frozen_ms"]) for freezing in freezings]
 
 
 def exports_while_open(reader: Reader, study: str, commitment: str) -> list[int]:
-    """When a study's episodes were exported before it was closed, as the chain says (ms since 1970)."""
+    """When a study's episodes were exported while it was open, by the chain (ms)."""
     sql = """SELECT json_extract(note, '$.at_ms') AS at_ms FROM chain WHERE kind = 'exported'
         AND json_extract(note, '$.study') = ? AND json_extract(note, '$.commitment') = ? ORDER BY number"""
     return [int(row["at_ms"]) for row in reader.query(sql, [study, commitment])]
@@ -494,7 +516,7 @@ def erased_people(reader: Reader, study: str) -> list[ErasedPerson]:
 
 
 def noted_arrivals(reader: Reader, study: str) -> NotedArrivals:
-    """The counts of people whom a release left out; empty if the database was imported from none."""
+    """The counts of people whom the imported release left out; empty without one."""
     counts = NotedArrivals()
     for row in reader.query("SELECT value FROM meta WHERE name = ?", [f"{ARRIVALS}|{study}"]):
         counts = json.loads(row["value"])
@@ -502,25 +524,29 @@ def noted_arrivals(reader: Reader, study: str) -> NotedArrivals:
 
 
 def answers_of_people(reader: Reader, study: str) -> tuple[list[AnswerRow], list[FreeTextRow]]:
-    """What the people who agreed to take part in a study answered, as numbers and in words."""
+    """The answers of people who agreed to take part: as numbers, and in words."""
     numbers = reader.query(OF_PEOPLE.format("answers"), [study])
     texts = reader.query(OF_PEOPLE.format("free_texts"), [study])
     return [AnswerRow(**row) for row in numbers], [FreeTextRow(**row) for row in texts]
 
 
 def noted_answers(reader: Reader, study: str) -> str | None:
-    """The counts of answers (JSON) that a release noted; None if the database was imported from none."""
+    """The counts of answers (JSON) that the imported release noted; None without one."""
     sql = "SELECT value FROM meta WHERE name = ?"
-    found = reader.query(sql, [f"{ANSWERS}|{study}"])
-    return str(found[0]["value"]) if found else None
+    noted = reader.query(sql, [f"{ANSWERS}|{study}"])
+    return str(noted[0]["value"]) if noted else None
 
 
 def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:
-    """Return the stage events of all participants of a study, each participant's in order; those of some kinds, or all."""
+    """The stage events of all participants of a study, in order.
+
+    Args:
+        kinds: Of these kinds alone; without any, all.
+    """
     sql = "SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ?"
     wanted = f" AND v.kind IN ({', '.join('?' * len(kinds))})" if kinds else ""
-    found = reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])
-    return [StageEventRow(**row) for row in found]
+    events = reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])
+    return [StageEventRow(**row) for row in events]
 
 
 def study_trials(reader: Reader, study: str) -> list[Trial]:
@@ -542,13 +568,13 @@ def arms_by_person(reader: Reader, study: str) -> dict[str, str]:
 
 
 def identities_by_person(reader: Reader, study: str) -> dict[str, dict[str, str]]:
-    """The outside ids of everybody in a study, by name, by participant: for the list of payments alone."""
+    """participant -> name -> outside id: for the list of payments alone."""
     sql = """SELECT i.* FROM identities i JOIN participants p ON p.id = i.participant_id
         WHERE p.study = ? ORDER BY i.name"""
-    found: dict[str, dict[str, str]] = {}
+    by_person: dict[str, dict[str, str]] = {}
     for row in reader.query(sql, [study]):
-        found.setdefault(row["participant_id"], {})[row["name"]] = row["value"]
-    return found
+        by_person.setdefault(row["participant_id"], {})[row["name"]] = row["value"]
+    return by_person
 
 
 class ListedAmounts(NamedTuple):
@@ -619,8 +645,8 @@ def daily_secret(store: Store) -> bytes:
 
 def find_day(reader: Reader, day: str) -> SeriesRow | None:
     """Return the series of a day, the most played of them in a merged database; None where there was none on that day."""
-    found = reader.query(_DAY, [f"{DAILY}:{day}:*"])
-    return SeriesRow(**found[0]) if found else None
+    days = reader.query(_DAY, [f"{DAILY}:{day}:*"])
+    return SeriesRow(**days[0]) if days else None
 
 
 def add_attempt(store: Store, series: str, player_id: str, episode_id: str) -> None:

@@ -76,16 +76,16 @@ def variance_components(table: Floats) -> VarianceComponents | None:
         return None
     has_value = ~np.isnan(table)
     n0, p0 = (_mean_count(has_value.sum(axis)) for axis in (1, 0))
-    doubt = (p0 - 1) * (n0 - 1)
+    rest_freedom = (p0 - 1) * (n0 - 1)
     return VarianceComponents(
         icc=player / total,
         icc_interval=_icc_ends(player, terrain, rest, n0, p0),
         between_sd=_sd(player),
-        between_interval=_sd_ends(player, rest, n0, p0 - 1, doubt),
+        between_interval=_sd_ends(player, rest, n0, p0 - 1, rest_freedom),
         terrain_sd=_sd(terrain),
-        terrain_interval=_sd_ends(terrain, rest, p0, n0 - 1, doubt),
+        terrain_interval=_sd_ends(terrain, rest, p0, n0 - 1, rest_freedom),
         rest_sd=_sd(rest),
-        rest_interval=_sd_ends(rest, 0.0, 1.0, doubt, doubt),
+        rest_interval=_sd_ends(rest, 0.0, 1.0, rest_freedom, rest_freedom),
         n0=n0,
         design_effect=max(1.0, (n0 * player + rest) / total),
         design_effect_interval=_effect_ends(player, terrain, rest, n0, p0),
@@ -110,9 +110,10 @@ def _sd_ends(
     """The ends of the 95 % interval of a component's standard deviation.
 
     Args:
-        each: Values behind a mean of the component, so that its mean square is rest + each *
+        count: Values behind a mean of the component, so that its mean square is rest + count *
             variance.
-        freedom: Of that mean square, rest_freedom: of the rest's.
+        freedom: The degrees of freedom of that mean square.
+        rest_freedom: Those of the rest's.
     """
     square, ends = rest + count * variance, []
     for share in (1 - TAIL, TAIL):

@@ -1,4 +1,4 @@
-"""What a Gymnasium environment is made with."""
+"""The configuration of a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from humanplay.tasks.gymnasium.description import Description, canonical, comple
 class GymnasiumConfig:
     """What `gymnasium.make` is given.
 
-    told       what describes the environment (`Description.told`)
-    arguments  further ones, as canonical JSON
+    told       the id, or the description as JSON (`Description.told`)
+    arguments  further keyword arguments, as canonical JSON
     limit      moves after which an episode times out
     """
 
@@ -30,7 +30,7 @@ class GymnasiumConfig:
 
     @property
     def description(self) -> Description:
-        """What is known of the environment."""
+        """The description, completed by the catalogue."""
         return completed(described(self.told))
 
     @property
@@ -49,10 +49,14 @@ class GymnasiumConfig:
         return hashlib.sha256(canonical([self.told, self.to_dict()]).encode()).hexdigest()
 
     def make(self, seed: int | None = None) -> gymnasium.Env[Any, Any]:
-        """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
-        given = json.loads(self.arguments)
-        made: gymnasium.Env[object, object] = self.description.make(given, self.limit, seed)
-        return made
+        """A new environment.
+
+        Raises:
+            ValueError: If something it needs is not installed, or it refuses its arguments.
+        """
+        kwargs = json.loads(self.arguments)
+        env: gymnasium.Env[object, object] = self.description.make(kwargs, self.limit, seed)
+        return env
 
 
 def own_config(config: Configuration) -> GymnasiumConfig:
