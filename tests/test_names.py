@@ -13,9 +13,9 @@ WIDTH = 80
 Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 Documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
-VAGUE_NAMES = {"app": 280, "marsexplorer": 0, "research": 0, "examples": 0, "tests": 429}
+VAGUE_NAMES = {"app": 213, "marsexplorer": 0, "research": 0, "examples": 0, "tests": 429}
 """Part -> at most so many locals and parameters with a vague name, each counted once a function."""
-LONG_FIRST_LINES = {"app": 550, "marsexplorer": 0, "research": 0, "examples": 0, "tests": 247}
+LONG_FIRST_LINES = {"app": 530, "marsexplorer": 0, "research": 0, "examples": 0, "tests": 247}
 """Part -> at most so many docstrings with a first line of more than WIDTH characters."""
 
 

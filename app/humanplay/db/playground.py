@@ -107,8 +107,8 @@ def left_out_plays(reader: Reader, task: str) -> ExclusionCounts:
 
 def ranked_left_since(store: Store, before_ms: int) -> list[Trial]:
     """Return every open ranked or daily episode whose last move was made before a time; none without a move is among them."""
-    found = rows(store.connection, _OF_ALL + " AND moved_ms < :before", {"before": before_ms})
-    return [Trial.of(row) for row in found]
+    trials = rows(store.connection, _OF_ALL + " AND moved_ms < :before", {"before": before_ms})
+    return [Trial.of(row) for row in trials]
 
 
 def left_since(store: Store, before_ms: int) -> list[Trial]:
@@ -116,8 +116,8 @@ def left_since(store: Store, before_ms: int) -> list[Trial]:
 
     One without either is among them where it is an attempt at a daily terrain: other boards of that kind are deleted.
     """
-    found = rows(store.connection, _LEFT, {"before": before_ms})
-    return [Trial.of(row) for row in found]
+    trials = rows(store.connection, _LEFT, {"before": before_ms})
+    return [Trial.of(row) for row in trials]
 
 
 def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
@@ -126,8 +126,8 @@ def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
     It is that of their ranked episode with moves if one is open, else the newest of those that are open or ended within a day.
     """
     values = {"player": player_id, "since": now_ms - DAY_MS}
-    found = store.connection.execute(_NEWEST, values).fetchone()
-    return None if found is None else str(found[0])
+    row = store.connection.execute(_NEWEST, values).fetchone()
+    return None if row is None else str(row[0])
 
 
 def watchable_session(
@@ -139,15 +139,15 @@ def watchable_session(
     viewer  the player who asks, who sees their own attempt at a daily terrain
     """
     values = {"episode": episode_id, "now": at_ms, "viewer": viewer}
-    found = store.connection.execute(_WATCHABLE, values).fetchone()
-    return None if found is None else (str(found[0]), found[1] is not None)
+    row = store.connection.execute(_WATCHABLE, values).fetchone()
+    return None if row is None else (str(row[0]), row[1] is not None)
 
 
 def newest_episode(store: Store, session_id: str) -> str | None:
     """Return the id of the episode on a session's board, running or ended; None where there is none."""
     sql = "SELECT id FROM episodes WHERE session_id = ? ORDER BY number DESC LIMIT 1"
-    found = store.connection.execute(sql, [session_id]).fetchone()
-    return None if found is None else str(found[0])
+    row = store.connection.execute(sql, [session_id]).fetchone()
+    return None if row is None else str(row[0])
 
 
 def sessions_after(store: Store, row: int, most: int) -> list[tuple[int, str]]:
@@ -158,8 +158,8 @@ def sessions_after(store: Store, row: int, most: int) -> list[tuple[int, str]]:
 
 def session_of_row(store: Store, row: int) -> str | None:
     """Return the id of the session with a row number; None where it was deleted."""
-    found = store.connection.execute("SELECT id FROM sessions WHERE rowid = ?", [row]).fetchone()
-    return None if found is None else str(found[0])
+    stored = store.connection.execute("SELECT id FROM sessions WHERE rowid = ?", [row]).fetchone()
+    return None if stored is None else str(stored[0])
 
 
 class Deletion(NamedTuple):
@@ -183,18 +183,18 @@ def delete_unplayed(
     with store.transaction():
         conn = store.connection
         values = {"before": before_ms, "most": most, "after": after}
-        found = conn.execute(_UNPLAYED, values).fetchall()
+        unplayed = conn.execute(_UNPLAYED, values).fetchall()
         deleted, episodes, players = list[str](), list[str](), set[str]()
-        for _, session_id, player_id, rival_id in found:
-            ids = [each for each in (rival_id, session_id) if each is not None]
-            if any(in_use(each) for each in ids):
+        for _, session_id, player_id, rival_id in unplayed:
+            ids = [session for session in (rival_id, session_id) if session is not None]
+            if any(in_use(session) for session in ids):
                 continue
-            for each in ids:
+            for session in ids:
                 sql = "DELETE FROM episodes WHERE session_id = ? RETURNING id"
-                gone = conn.execute(sql, [each])
+                gone = conn.execute(sql, [session])
                 episodes += [episode_id for (episode_id,) in gone]
-                conn.execute("DELETE FROM sessions WHERE id = ?", [each])
+                conn.execute("DELETE FROM sessions WHERE id = ?", [session])
             deleted += ids
             players |= {player_id} - {None}
         conn.executemany(_WITHOUT_ANYTHING, [(player_id,) for player_id in players])
-    return Deletion(deleted, episodes, found[-1][0] if len(found) == most else None)
+    return Deletion(deleted, episodes, unplayed[-1][0] if len(unplayed) == most else None)

@@ -88,10 +88,10 @@ class Pseudonyms:
         """Return the pseudonym of an id, remembered; None for none."""
         if ident is None:
             return None
-        made = self.once(PREFIXES[table], ident, table)
-        assert made is not None
-        self.known[ident] = made
-        return made
+        pseudonym = self.once(PREFIXES[table], ident, table)
+        assert pseudonym is not None
+        self.known[ident] = pseudonym
+        return pseudonym
 
     def once(self, prefix: str, ident: str | None, table: str = "") -> str | None:
         """Return the pseudonym of an id that stands nowhere else, so that no text is looked through for it; None for none."""
@@ -243,10 +243,10 @@ class RowPseudonymizer:
                         f"{place} holds somebody's {name}: nothing was written; "
                         "correct that row and try again"
                     )
-            made = text
+            replaced = text
             for ident, pseudonym in self._pseudonyms.known.items():
-                made = made.replace(ident, pseudonym)
-            self._texts[text] = made
+                replaced = replaced.replace(ident, pseudonym)
+            self._texts[text] = replaced
         return self._texts[text]
 
 
@@ -294,8 +294,8 @@ def _left_out(source: sqlite3.Connection, study: str) -> dict[str, int]:
     """Return how many unfinished episodes, and people who did not consent, a release does not hold."""
     sql = f"""SELECT (SELECT count(*) FROM series_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODE_IDS})),
         (SELECT count(*) FROM participants WHERE study = ? AND consent_ms IS NULL)"""
-    found = source.execute(sql, (study, study, study)).fetchone()
-    return dict(zip(("open_episodes", "without_consent"), found, strict=True))
+    counts = source.execute(sql, (study, study, study)).fetchone()
+    return dict(zip(("open_episodes", "without_consent"), counts, strict=True))
 
 
 def count_arrivals(

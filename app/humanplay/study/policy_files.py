@@ -75,9 +75,9 @@ class PolicyFiles:
 
     def place(self, policy: str) -> Path:
         """Return where the file of a policy with a recorded hash is kept, or would be."""
-        kept = next(self._kept(self.hashes[policy]), None)
+        copy = next(self._kept(self.hashes[policy]), None)
         name = f"{self.hashes[policy]}{Path(policy).suffix or '.onnx'}"
-        return kept or (self.folder or Path(FOLDER)) / name
+        return copy or (self.folder or Path(FOLDER)) / name
 
     def copy_to(self, folder: Path, policies: Iterable[str]) -> None:
         """Copy the files of some policies into a folder; those without a recorded hash are left out. Errors as `source`."""
@@ -88,8 +88,8 @@ class PolicyFiles:
         """Yield (file, its hash or None where it is missing, the recorded hash) of each kept file that is not as recorded."""
         for policy, expected in self.hashes.items():
             path = self.place(policy)
-            if (found := self._hash_of(str(path))) != expected:
-                yield path, found, expected
+            if (actual := self._hash_of(str(path))) != expected:
+                yield path, actual, expected
 
     @property
     def _policies(self) -> Policies:
@@ -106,13 +106,13 @@ class PolicyFiles:
         return iter(()) if self.folder is None else self.folder.glob(f"{digest}.*")
 
 
-def record_files(policies: Iterable[str], folder: Path, known: Policies) -> dict[str, str]:
+def record_files(policies: Iterable[str], folder: Path, catalogue: Policies) -> dict[str, str]:
     """Keep the file of each policy (a name or path) in a folder, and return the SHA-256 (hex) by policy; rules have none.
 
     PolicyError for a policy that is not there; StudyError when a file cannot be read or written.
     """
-    kept = [each for each in sorted(set(policies)) if not known.is_rule(each)]
-    return {each: _keep(known.file_of(each), folder) for each in kept}
+    with_files = [policy for policy in sorted(set(policies)) if not catalogue.is_rule(policy)]
+    return {policy: _keep(catalogue.file_of(policy), folder) for policy in with_files}
 
 
 def _keep(path: Path, folder: Path) -> str:
@@ -120,8 +120,8 @@ def _keep(path: Path, folder: Path) -> str:
     try:
         content = path.read_bytes()
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise StudyError(f"cannot read the policy's file {path}: {why}") from error
+        reason = (error.strerror or str(error)).lower()
+        raise StudyError(f"cannot read the policy's file {path}: {reason}") from error
     digest = hashlib.sha256(content).hexdigest()
     write_bytes(folder / f"{digest}{path.suffix}", content)
     return digest

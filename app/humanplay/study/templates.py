@@ -80,22 +80,23 @@ def fill(protocol: Protocol) -> Protocol:
     return parse_protocol({**fields, **texts})
 
 
-def _part_filled(where: str, content: object, values: dict[str, str]) -> object:
+def _part_filled(part_name: str, content: object, values: dict[str, str]) -> object:
     """Return a part of the protocol with the texts in it filled in."""
     if isinstance(content, list):
         return [
-            _part_filled(f"{where}[{place}]", part, values) for place, part in enumerate(content)
+            _part_filled(f"{part_name}[{place}]", part, values)
+            for place, part in enumerate(content)
         ]
     if isinstance(content, dict):
         texts = {
-            name: _part_filled(f"{where}.{name}", part, values)
+            name: _part_filled(f"{part_name}.{name}", part, values)
             for name, part in content.items()
             if name in _TEXTS
         }
         return {**content, **texts}
     if isinstance(content, str):
-        _check_numbers(where, content)
-        return _text_filled(where, content, values)
+        _check_numbers(part_name, content)
+        return _text_filled(part_name, content, values)
     return content
 
 
@@ -140,41 +141,41 @@ def _asked(blocks: Sequence[Block]) -> str:
     return f" We also ask about {listed}; you may leave a question out, or prefer not to say. {published}"
 
 
-def _text_filled(where: str, text: str, values: dict[str, str]) -> str:
+def _text_filled(part_name: str, text: str, values: dict[str, str]) -> str:
     """Return a text with its placeholders filled in."""
-    found = []
+    parts = []
     try:
         for literal, name, form, conversion in Formatter().parse(text):
-            found.append(literal)
+            parts.append(literal)
             if name is not None:
                 rest = (f"!{conversion}" if conversion else "") + (f":{form}" if form else "")
-                found.append(_value(where, name + rest, values))
+                parts.append(_value(part_name, name + rest, values))
     except ValueError as error:
         raise StudyError(
-            f"{where} has a brace without its pair: write {{{{ and }}}} for braces that stand for themselves"
+            f"{part_name} has a brace without its pair: write {{{{ and }}}} for braces that stand for themselves"
         ) from error
-    return _ONE_OF_MANY.sub(r"\1", "".join(found))
+    return _ONE_OF_MANY.sub(r"\1", "".join(parts))
 
 
-def _value(where: str, name: str, values: dict[str, str]) -> str:
+def _value(part_name: str, name: str, values: dict[str, str]) -> str:
     if name in values:
         return values[name]
     near = difflib.get_close_matches(name.lower(), values, n=1, cutoff=0.5)
     guess = f"did you mean {{{near[0]}}}? " if near else ""
-    known = ", ".join(f"{{{each}}}" for each in values)
+    placeholders = ", ".join(f"{{{known_name}}}" for known_name in values)
     raise StudyError(
-        f"{where} has the unknown placeholder {{{name}}}: {guess}there are {known}; {{{{ and }}}} write braces"
+        f"{part_name} has the unknown placeholder {{{name}}}: {guess}there are {placeholders}; {{{{ and }}}} write braces"
     )
 
 
-def _check_numbers(where: str, text: str) -> None:
+def _check_numbers(part_name: str, text: str) -> None:
     """Check that no number of episodes is written by hand; StudyError otherwise."""
-    for found in _BY_HAND.finditer(text):
-        number = found["number"]
+    for match in _BY_HAND.finditer(text):
+        number = match["number"]
         if number.isdigit() and int(number) < 2:
             continue
         raise StudyError(
-            f"{where} counts by hand: {' '.join(found[0].split())!r}. A text must name the protocol's own numbers, which stay "
-            "right when the protocol changes: write {warm_up}, {ranked}, {episodes} or {break_every} in place of "
+            f"{part_name} counts by hand: {' '.join(match[0].split())!r}. A text must name the protocol's own numbers, which "
+            "stay right when the protocol changes: write {warm_up}, {ranked}, {episodes} or {break_every} in place of "
             f"{number!r}, or say it without a number"
         )

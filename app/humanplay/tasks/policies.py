@@ -58,8 +58,8 @@ class ProcessPolicy:
         if self._worker is None or not moves.startswith(self._made):
             self._begin(config, seed)
         assert self._worker is not None
-        told = self._asked(self._worker.ask, list(moves[len(self._made) :]))
-        self._made, self._decided = moves, int(told)
+        action = self._asked(self._worker.ask, list(moves[len(self._made) :]))
+        self._made, self._decided = moves, int(action)
         return self._decided
 
     def play(self, config: Configuration, seed: int) -> tuple[bytes, str]:
@@ -246,8 +246,9 @@ def _function(source: str) -> Callable[..., object]:
     try:
         function: Callable[..., object] = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
-        said = f"expected a function as module:function, got {source!r}: {error}"
-        raise ValueError(said) from error
+        raise ValueError(
+            f"expected a function as module:function, got {source!r}: {error}"
+        ) from error
     return function
 
 
@@ -271,15 +272,15 @@ def _network(path: str, code_of: Callable[[Any], int]) -> Choose:
     session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
 
     def choose(observation: Any, mask: Mask) -> int:
-        given = {}
-        for each in session.get_inputs():
+        inputs = {}
+        for tensor in session.get_inputs():
             named = observation if isinstance(observation, Mapping) else {}
-            part = mask if each.name in MASKS else named.get(each.name, observation)
-            batch = np.asarray(part)[None].astype(KINDS[each.type])
-            if batch.ndim == 4 and each.shape[1] == batch.shape[3] != batch.shape[1]:
+            part = mask if tensor.name in MASKS else named.get(tensor.name, observation)
+            batch = np.asarray(part)[None].astype(KINDS[tensor.type])
+            if batch.ndim == 4 and tensor.shape[1] == batch.shape[3] != batch.shape[1]:
                 batch = batch.transpose(0, 3, 1, 2)
-            given[each.name] = batch
-        out = np.asarray(session.run(None, given)[0])[0]
+            inputs[tensor.name] = batch
+        out = np.asarray(session.run(None, inputs)[0])[0]
         if out.size == 1:
             return code_of(int(out.item()))
         return code_of(out) if out.dtype.kind in "iu" else int(out.argmax())

@@ -99,8 +99,8 @@ class RaisedError(Exception):
 def variables() -> dict[str, str]:
     """The variables of a process where an environment steps: few of this one's, and the fixed ones."""
     paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
-    kept = {name: os.environ[name] for name in KEPT if name in os.environ}
-    return kept | FIXED | {"PYTHONPATH": paths}
+    inherited = {name: os.environ[name] for name in KEPT if name in os.environ}
+    return inherited | FIXED | {"PYTHONPATH": paths}
 
 
 class Preparer:
@@ -467,31 +467,31 @@ def confine(readable: Iterable[str], hidden: Iterable[str], folder: Path) -> dic
         OTHER_USER: lambda: _become_nobody(may_read, folder),
         NO_OTHER_FILES: lambda: _keep_to(may_read, [*hidden], folder),
     }
-    found = {}
+    missing = {}
     for name, guard in guards.items():
         try:
             guard()
         except AttributeError as error:  # another system than Linux
-            found[name] = f"this system has none: {error}"
+            missing[name] = f"this system has none: {error}"
         except (OSError, KeyError) as error:
-            found[name] = getattr(error, "strerror", None) or str(error)
+            missing[name] = getattr(error, "strerror", None) or str(error)
         else:
-            found[name] = ""
+            missing[name] = ""
     _drop_capabilities()
-    return found
+    return missing
 
 
 def guards_of(guards: Mapping[str, str]) -> str:
     """Return what `confine` returned as a sentence that says what is on, what is not and why, and what that is worth."""
     if not guards:
         return "boards run in processes of their own, which may do what you may"
-    on = [name for name, why in guards.items() if not why]
-    said = f"boards run in processes of their own, with {', '.join(on) or 'no further guard'}"
-    if off := [f"{name} ({why})" for name, why in guards.items() if why]:
-        said += f"; not with {', '.join(off)}"
+    on = [name for name, reason in guards.items() if not reason]
+    sentence = f"boards run in processes of their own, with {', '.join(on) or 'no further guard'}"
+    if off := [f"{name} ({reason})" for name, reason in guards.items() if reason]:
+        sentence += f"; not with {', '.join(off)}"
     if guards[OTHER_USER]:
-        said += ". Without another user this guards against faults, not against malice"
-    return said
+        sentence += ". Without another user this guards against faults, not against malice"
+    return sentence
 
 
 def _drop_capabilities() -> None:
@@ -582,9 +582,9 @@ def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> No
     rules = dict.fromkeys(_readable(may_read, hidden), EXECUTE | READ_FILE | READ_DIR)
     rules |= dict.fromkeys(_parted(may_read, hidden), READ_DIR)
     devices = [
-        str(each)
-        for each in Path("/dev").iterdir()
-        if each.name not in SHARED and not each.is_symlink()
+        str(device)
+        for device in Path("/dev").iterdir()
+        if device.name not in SHARED and not device.is_symlink()
     ]
     rules |= dict.fromkeys(devices, READ_FILE | READ_DIR | WRITE_FILE | IOCTL_DEV)
     rules[str(folder)] = every
@@ -603,10 +603,13 @@ def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> No
 def _readable(paths: Iterable[str], hidden: Sequence[str]) -> Iterator[str]:
     """Yield the paths, and in place of one with something hidden in it what else is in it."""
     for path in map(os.path.realpath, paths):
-        if any(path.startswith(each) for each in hidden):
+        if any(path.startswith(secret) for secret in hidden):
             continue
-        if any(each.startswith(path.rstrip("/") + "/") for each in hidden) and Path(path).is_dir():
-            yield from _readable([str(each) for each in Path(path).iterdir()], hidden)
+        if (
+            any(secret.startswith(path.rstrip("/") + "/") for secret in hidden)
+            and Path(path).is_dir()
+        ):
+            yield from _readable([str(secret) for secret in Path(path).iterdir()], hidden)
         else:
             yield path
 

@@ -154,8 +154,8 @@ def new(
         if declared is not None:
             answers = read_object(declared)
             if unknown := sorted(answers.keys() - Declarations.model_fields):
-                known = ", ".join(Declarations.model_fields)
-                raise StudyError(f"{declared} declares {unknown[0]!r}, which is none of {known}")
+                fields = ", ".join(Declarations.model_fields)
+                raise StudyError(f"{declared} declares {unknown[0]!r}, which is none of {fields}")
             rest["declarations"] = answers
         protocol = default_protocol(name, config, name_of_task, **rest)
         planned = _planned(protocol, folder)
@@ -309,16 +309,16 @@ def frozen(
 
     _check_database(database)
     with study_errors(), progress("drawing the instances") as advance:
-        found = folder.freeze(name, advance, planned=planned, rehearse=rehearse)
+        study = folder.freeze(name, advance, planned=planned, rehearse=rehearse)
     said = f"An entry of the chain of {database} says so"
     later = f"There is no database {database} yet: the server that makes it notes this in its chain"
-    echo(said if _note_freezing(found, database) else later)
-    return found
+    echo(said if _note_freezing(study, database) else later)
+    return study
 
 
-def hashes(found: Study) -> str:
+def hashes(study: Study) -> str:
     """The line to publish, with the hashes of the protocol and of the secret."""
-    return f"{found.name}: protocol {found.protocol_hash}, secret {found.commitment} (SHA-256)"
+    return f"{study.name}: protocol {study.protocol_hash}, secret {study.commitment} (SHA-256)"
 
 
 def _check_database(database: Path) -> None:
@@ -330,7 +330,7 @@ def _check_database(database: Path) -> None:
             pass
 
 
-def _note_freezing(found: Study, database: Path) -> bool:
+def _note_freezing(study: Study, database: Path) -> bool:
     """Append the freezing to the chain of the database, and return whether there is one; a server may run."""
     from humanplay.db.chain import append_marks, freezing_of
     from humanplay.db.database import writing
@@ -338,10 +338,10 @@ def _note_freezing(found: Study, database: Path) -> bool:
     if not database.exists():  # a server notes it when it starts
         return False
     with (
-        failures(f"the study {found.name!r} is as asked, but its entry in the chain is missing"),
+        failures(f"the study {study.name!r} is as asked, but its entry in the chain is missing"),
         writing(database) as conn,
     ):
-        append_marks(conn, [freezing_of(found.row())])
+        append_marks(conn, [freezing_of(study.row())])
     return True
 
 
@@ -392,13 +392,13 @@ def closed(
             if not now:
                 check_nobody_is_at_it(folder, reader, name, now_ms())
             _confirm(question, "closed")
-        found = close_study(folder, reader, name, now_ms(), now, keeps_secret)
-    if not _note_in_database(found, database):
+        study = close_study(folder, reader, name, now_ms(), now, keeps_secret)
+    if not _note_in_database(study, database):
         echo(
             f"{database} is in use, and its server has not taken note yet: it does so at its next start at the latest, and "
             "no report or release is made while episodes of the study are open"
         )
-    return found
+    return study
 
 
 def _confirm(question: str, done: str) -> None:
@@ -412,7 +412,7 @@ def _confirm(question: str, done: str) -> None:
         raise ClickException(why) from None
 
 
-def _note_in_database(found: Study, database: Path) -> bool:
+def _note_in_database(study: Study, database: Path) -> bool:
     """Note the end in the database, and return whether it is there; a server that has it open is given some seconds."""
     if not database.exists():
         return True
@@ -422,11 +422,11 @@ def _note_in_database(found: Study, database: Path) -> bool:
     from humanplay.study.closing import note_closed, unnoted_ms
 
     with suppress(StoreError), closing(Store(database)) as store:
-        note_closed(store, found)
+        note_closed(store, study)
     for _ in range(NOTED_S * 10):
         with closing(Reader.open(database)) as reader:
-            row = find_study(reader, found.name)
-        if unnoted_ms(found, row) is None:
+            row = find_study(reader, study.name)
+        if unnoted_ms(study, row) is None:
             return True
         time.sleep(0.1)
     return False
@@ -655,15 +655,15 @@ def invite(
     from humanplay.study.recruitment import panel_link
 
     if [count > 0, lists, panel is not None].count(True) != 1:
-        given = "the number of links to make, such as 10, --list to see all, or --ids FILE"
-        raise UsageError(f"expected {given}")
+        wanted = "the number of links to make, such as 10, --list to see all, or --ids FILE"
+        raise UsageError(f"expected {wanted}")
     if arm is not None and count == 0:
         raise UsageError("--arm goes with the number of links to make, not with --list or --ids")
     server = place()
-    known = url or server.public_url
-    base = known or f"http://{server.host}:{server.port}"
+    public_url = url or server.public_url
+    base = public_url or f"http://{server.host}:{server.port}"
     invitations = Invitations(folder)
-    found, rows, links = [], [], []
+    chosen, rows, links = [], [], []
     uses = _uses(database, name)
     with study_errors():
         study = folder.study(name)
@@ -671,28 +671,28 @@ def invite(
             rows = [(value, "signed", "", "") for value in _lines(panel)]
             links = [panel_link(study, value, base) for value, *_ in rows]
         else:
-            found = (
+            chosen = (
                 list(invitations.of(name).values())
                 if lists
                 else invitations.issue(name, count, arm)
             )
-    for each in found:
-        use = uses.get(each.id)
+    for invitation in chosen:
+        use = uses.get(invitation.id)
         label = use.label if use else ""
-        rows.append((each.id, state_of(each, use), label, each.arm or ""))
-        links.append(link_of(study, each.id, base))
-    if known is None and (table is not None or not lists):
+        rows.append((invitation.id, state_of(invitation, use), label, invitation.arm or ""))
+        links.append(link_of(study, invitation.id, base))
+    if public_url is None and (table is not None or not lists):
         way_out = (
             "give --url, or HUMANPLAY_PUBLIC_URL as for the server, if people reach it elsewhere"
         )
         echo(f"{base} is a guess: {way_out}", err=True)
     if not lists:
         echo("\n".join(links))
-    elif not found:
+    elif not chosen:
         way_out = f"`humanplay study invite {name} 10` makes ten links"
         echo(f"nobody has been invited to {name}; {way_out}")
     else:
-        issued = [_day(each.issued_ms) for each in found]
+        issued = [_day(invitation.issued_ms) for invitation in chosen]
         printed = [(*row, day) for row, day in zip(rows, issued, strict=True)]
         heads = ("id", "state", "participant", "arm", "issued (UTC)")
         print_table(f"Invitations to {name}", heads, printed)
@@ -832,14 +832,14 @@ def unlink(name: str, yes: bool, folder: Folder, database: Path) -> None:
     echo(f"deleted from {database}: identifiers and codes of {counted(people, 'person', 'people')}")
 
 
-def _note_act(found: Study, database: Path, act: Act, **details: int) -> None:
+def _note_act(study: Study, database: Path, act: Act, **details: int) -> None:
     """Append an operator's act to the chain of the database, if there is one; a server may run."""
     from humanplay.db.chain import act_of, append_marks
     from humanplay.db.database import writing
 
     if database.exists():
         with failures(f"cannot note in {database} what was done"), writing(database) as conn:
-            append_marks(conn, [act_of(found.row(), act, **details)])
+            append_marks(conn, [act_of(study.row(), act, **details)])
 
 
 @study.command(short_help="Take invitations back.")
