@@ -16,6 +16,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure as Canvas
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -29,6 +30,20 @@ PEOPLE_COLOUR = "#1b2733"
 POLICY_COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Okabe and Ito's colours, which colour-blind readers can distinguish, after the colour of Mars.
 People are drawn in ink."""
+TICKS, AXIS, GREY, RULE, SHADE = "#3a4651", "#5a6672", "#7b8794", "#c5ccd3", "#eceff2"
+BOX, PAPER = "#f4ede6", "#ffffff"
+STYLED = {
+    PEOPLE_COLOUR: "ink",
+    TICKS: "ticks",
+    AXIS: "axis",
+    GREY: "grey",
+    RULE: "rule",
+    SHADE: "shade",
+    BOX: "box",
+    PAPER: "paper",
+    **{colour: f"policy-{number}" for number, colour in enumerate(POLICY_COLOURS)},
+}
+"""Colours that the page's style sheet may replace: `--chart-NAME`, for its dark scheme."""
 DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
 MATPLOTLIB_STYLE: Any = {
     "svg.fonttype": "none",
@@ -39,27 +54,67 @@ MATPLOTLIB_STYLE: Any = {
     "axes.titlesize": 9,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "axes.edgecolor": "#5a6672",
+    "axes.edgecolor": AXIS,
     "axes.linewidth": 0.7,
-    "xtick.color": "#3a4651",
-    "ytick.color": "#3a4651",
+    "axes.labelcolor": PEOPLE_COLOUR,
+    "axes.titlecolor": PEOPLE_COLOUR,
+    "text.color": PEOPLE_COLOUR,
+    "xtick.color": TICKS,
+    "ytick.color": TICKS,
     "legend.frameon": False,
-    "legend.fontsize": 8,
+    "legend.fontsize": 9,
 }
 _STYLE_LOCK = threading.Lock()
 """matplotlib's style belongs to the process, so only one chart is drawn at a time."""
 
-GREY = "#7b8794"
 ZERO_OF_THE_SCALE = "random"
 """The policy that is so far from people that they could not be told apart beside it."""
+SHARES = LinearSegmentedColormap.from_list("shares", ["#c1440e00", "#c1440eff"])
+"""From nothing to the colour of Mars, so that it stands on both schemes' ground."""
 MAX_NAME = 18
 """Characters of a policy's name in a chart; tables have it whole."""
-WIDTH = 5.6
-"""Inches: a phone's width still shows the letters."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A shape that each chart is drawn in.
+
+    Attributes:
+        width: In inches, at which letters have their sizes.
+        is_narrow: Parts stand below one another.
+    """
+
+    name: str
+    width: float
+    is_narrow: bool = False
+
+
+FORMATS = (Format("wide", 5.6), Format("narrow", 2.7, is_narrow=True))
+"""For screens and paper; for phones, on which letters stay at least 11 px high."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How one chart is drawn.
+
+    Attributes:
+        heights: In inches, of the wide and of the narrow format.
+        draw: Draws on a canvas; the second argument says whether the format is narrow.
+        alt: What the chart shows, for those who do not see it.
+    """
+
+    heights: tuple[float, float]
+    draw: Callable[[Canvas, bool], None]
+    alt: str
 
 
 def draw_svg(
-    name: str, height: float, draw: Callable[[Canvas], None], is_synthetic: bool, alt: str
+    name: str,
+    height: float,
+    draw: Callable[[Canvas], None],
+    is_synthetic: bool,
+    alt: str,
+    width: float,
 ) -> str:
     """A chart as an SVG element with its description.
 
@@ -68,7 +123,7 @@ def draw_svg(
         alt: The description.
     """
     with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
-        canvas = Canvas(figsize=(WIDTH, height))
+        canvas = Canvas(figsize=(width, height))
         draw(canvas)
         if is_synthetic:
             canvas.text(
@@ -77,7 +132,7 @@ def draw_svg(
                 "SYNTHETIC",
                 ha="center",
                 va="center",
-                fontsize=46,
+                fontsize=8 * width,
                 color="#b00020",
                 alpha=0.16,
                 rotation=24,
@@ -94,12 +149,32 @@ def draw_svg(
     svg = re.sub(size, "", svg, count=1)
     for element in set(re.findall(r'id="([^"]+)"', svg)):  # ids are one name space in a page
         svg = re.sub(rf'(id="|#){re.escape(element)}(?=["\)])', rf"\g<1>{name}-{element}", svg)
+    for colour, role in STYLED.items():
+        svg = svg.replace(f": {colour}", f": var(--chart-{role}, {colour})")
     return svg.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1)
 
 
-def charts(report: Report, group: GroupReport) -> dict[str, str]:
-    """The group's charts as SVG by name; a chart with nothing to show is left out."""
-    drawings: dict[str, tuple[float, Callable[[Canvas], None], str]] = {}
+def charts(report: Report, group: GroupReport) -> dict[str, dict[str, str]]:
+    """The group's charts: SVG by format, by name; a chart with nothing to show is left out."""
+    drawings = _drawings(report, group)
+    return {
+        name: {
+            form.name: draw_svg(
+                f"{group.name}-{name}-{form.name}".replace(" ", "-"),
+                drawing.heights[form.is_narrow],
+                partial(drawing.draw, is_narrow=form.is_narrow),
+                report.synthetic,
+                drawing.alt,
+                form.width,
+            )
+            for form in FORMATS
+        }
+        for name, drawing in drawings.items()
+    }
+
+
+def _drawings(report: Report, group: GroupReport) -> dict[str, Drawing]:
+    drawings: dict[str, Drawing] = {}
     if group.flow is not None and group.joined:
         steps = flow_steps(group.flow, group.arms)
         alt = "; ".join(
@@ -112,7 +187,8 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
             )
             for step in steps
         )
-        drawings["flow"] = 0.56 * flow_height(steps), partial(draw_flow, steps=steps), alt
+        heights = 0.56 * flow_height(steps), 0.56 * flow_height(steps, is_narrow=True)
+        drawings["flow"] = Drawing(heights, partial(draw_flow, steps=steps), alt)
     if group.players:
         means = [
             (report.called(policy.name), {"score": policy.score, "steps": policy.steps})
@@ -121,36 +197,37 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
         ]
         alt = "Each player's mean score and mean steps, both estimates with their intervals, and each policy's means"
         drawn = partial(_people_and_policies, group=group, policies=means)
-        drawings["players"] = 3.0 + 0.26 * len(means), drawn, alt
+        height = 3.0 + 0.26 * len(means)
+        drawings["players"] = Drawing((height, 1.8 * height), drawn, alt)
     if group.metrics:
         alt = "Mean score and steps of first attempts by ranked trial, with intervals"
-        drawings["learning"] = 3.6, partial(_learning, group=group), alt
+        drawings["learning"] = Drawing((3.6, 3.6), partial(_learning, group=group), alt)
     if group.comparisons:
         rows = len({comparison.policy for comparison in group.comparisons})
         alt = "Policies over people: ratio of scores, human-normalized score, difference in steps"
         forest = partial(_forest, group=group, called=report.called)
-        drawings["forest"] = (1.6 + 0.32 * rows, forest, alt)
+        height = 1.6 + 0.32 * rows
+        drawings["forest"] = Drawing((height, 3 * height), forest, alt)
     policies = [(report.called(policy.name), policy.pictures) for policy in report.policies]
     shown = [(group.name, group.pictures), *policies]
     if group.pictures.get("curve") or any(pictures for _, pictures in policies):
         curves = partial(
             _curves, curves=[(name, pictures.get("curve")) for name, pictures in shown]
         )
-        drawings["curves"] = 3.0, curves, "Mean coverage against steps"
+        heights = 3.0, 3.0 + 0.2 * len(shown)
+        drawings["curves"] = Drawing(heights, curves, "Mean coverage against steps")
         maps = [(name, pictures["visits"]) for name, pictures in shown if pictures.get("visits")]
         alt = "Share of an episode's moves on each cell of the grid"
-        height = 2.05 * -(-len(maps) // 3) + 0.3
-        drawings["visits"] = height, partial(_visits, maps=maps), alt
-    return {
-        name: draw_svg(
-            f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt
-        )
-        for name, (height, draw, alt) in drawings.items()
-    }
+        heights = 2.05 * -(-len(maps) // 3) + 0.3, 1.8 * -(-len(maps) // 2) + 0.8
+        drawings["visits"] = Drawing(heights, partial(_visits, maps=maps), alt)
+    return drawings
 
 
 def _people_and_policies(
-    canvas: Canvas, group: GroupReport, policies: Sequence[tuple[str, Mapping[str, float]]]
+    canvas: Canvas,
+    is_narrow: bool,
+    group: GroupReport,
+    policies: Sequence[tuple[str, Mapping[str, float]]],
 ) -> None:
     """Draw each player's mean, and policies' means on the same terrains.
 
@@ -167,7 +244,9 @@ def _people_and_policies(
         for name in titles
     }
     tallest = max(max(_stacked([mean for mean, _ in players])) for players in lists.values())
-    for axes, (name, title) in zip(canvas.subplots(1, 2), titles.items(), strict=True):
+    parts = canvas.subplots(2, 1) if is_narrow else canvas.subplots(1, 2)
+    gap = "\n" if is_narrow else " "
+    for axes, (name, title) in zip(parts, titles.items(), strict=True):
         players = lists[name]
         heights = _stacked([mean for mean, _ in players])
         for (mean, is_finished), height in zip(players, heights, strict=False):
@@ -198,11 +277,11 @@ def _people_and_policies(
             axes.plot([means[name]], [y], "s", color=POLICY_COLOURS[2], markersize=5)
             labels.append(_short(policy))
         places = [-1.2 - row - 0.2 * (row > 1) for row in range(len(labels))]
-        axes.set_yticks(places, labels if name == "score" else [])
+        axes.set_yticks(places, labels if is_narrow or name == "score" else [])
         axes.set_ylim(-1.4 - len(labels) + 0.3, tallest + 1)
-        axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
+        axes.axhline(-0.6, color=RULE, linewidth=0.6)
         axes.set_title(title)
-        axes.set_xlabel("mean of a player" + (", or of a policy" if policies else ""))
+        axes.set_xlabel("mean of a player" + (f",{gap}or of a policy" if policies else ""))
         axes.spines["left"].set_visible(False)
         axes.tick_params(left=False)
 
@@ -221,14 +300,14 @@ def _stacked(values: Sequence[float]) -> list[float]:
     return heights
 
 
-def _learning(canvas: Canvas, group: GroupReport) -> None:
+def _learning(canvas: Canvas, is_narrow: bool, group: GroupReport) -> None:
     titles = {"score": "Score", "steps": group.words.steps.capitalize()}
     line = {"marker": "o", "markersize": 3}
     for axes, metric in zip(canvas.subplots(2, 1, sharex=True), group.metrics, strict=True):
         trials = len(metric.learning.by_trial)
         third = trials // 3
         for low in (0.5, trials - third + 0.5):
-            axes.axvspan(low, low + third, color="#eceff2", zorder=0)
+            axes.axvspan(low, low + third, color=SHADE, zorder=0)
         numbered = enumerate(metric.learning.by_trial, 1)
         rows = [(number, *means) for number, (players, *means) in numbered if players]
         banded = np.array([row for row in rows if row[2] is not None], np.float64).T
@@ -244,12 +323,11 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
             hollow = {"color": GREY, "linewidth": 0.8, "markerfacecolor": "none"}
             axes.plot(*zip(*practice, strict=True), **hollow, **line)
         axes.set_title(titles[metric.name])
-    axes.set_xlabel(
-        "ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)"
-    )
+    bands = "(grey bands: first and last third; hollow: warm-up)"
+    axes.set_xlabel("ranked trial, in the order played" + ("\n" if is_narrow else " ") + bands)
 
 
-def _curves(canvas: Canvas, curves: Sequence[tuple[str, Curve | None]]) -> None:
+def _curves(canvas: Canvas, is_narrow: bool, curves: Sequence[tuple[str, Curve | None]]) -> None:
     """Draw the coverage of people, who come first, and of policies."""
     axes = canvas.subplots()
     styles = (*zip(POLICY_COLOURS, DASHES, strict=True),)
@@ -273,17 +351,20 @@ def _curves(canvas: Canvas, curves: Sequence[tuple[str, Curve | None]]) -> None:
     axes.set_xlim(0)
     axes.set_xlabel("moves")
     axes.set_ylabel("coverage (dotted: 99 %)")
-    axes.legend(loc="lower right")
+    if is_narrow:
+        canvas.legend(loc="outside lower left")
+    else:
+        axes.legend(loc="lower right")
 
 
-def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> None:
+def _visits(canvas: Canvas, is_narrow: bool, maps: Sequence[tuple[str, list[list[float]]]]) -> None:
     shares = [(name, 100 * np.array(visits) / (np.sum(visits) or 1)) for name, visits in maps]
     most = max(float(np.quantile(share, 0.98)) for _, share in shares)
-    columns = min(3, len(maps))
+    columns = min(2 if is_narrow else 3, len(maps))
     grid = canvas.subplots(-(-len(maps) // columns), columns, squeeze=False).flat
     image = None
     for (name, share), axes in zip(shares, grid, strict=False):
-        image = axes.imshow(share, cmap="Blues", vmin=0, vmax=most or 1, interpolation="nearest")
+        image = axes.imshow(share, cmap=SHARES, vmin=0, vmax=most or 1, interpolation="nearest")
         axes.set_title(_short(name))
         axes.set_xticks([])
         axes.set_yticks([])
@@ -292,17 +373,23 @@ def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> No
     for axes in list(grid):
         axes.set_visible(False)
     if image is not None:
-        canvas.colorbar(image, ax=canvas.axes, shrink=0.7, label="% of moves", fraction=0.04)
+        side = "bottom" if is_narrow else "right"
+        canvas.colorbar(
+            image, ax=canvas.axes, location=side, shrink=0.7, label="% of moves", fraction=0.04
+        )
 
 
-def _forest(canvas: Canvas, group: GroupReport, called: Callable[[str], str]) -> None:
+def _forest(
+    canvas: Canvas, is_narrow: bool, group: GroupReport, called: Callable[[str], str]
+) -> None:
     score = [row for row in group.comparisons if row.metric == "score"]
     steps = [row for row in group.comparisons if row.metric == "steps"]
     who = group.name if group.kind == "human" else "players"
     ratios = [(row.ratio, row.ratio_interval) for row in score]
     normalized = [(row.normalized, row.normalized_interval) for row in score]
     differences = [(row.difference, row.interval) for row in steps]
-    left, middle, right = canvas.subplots(1, 3, sharey=True)
+    shape = (3, 1) if is_narrow else (1, 3)
+    left, middle, right = canvas.subplots(*shape, sharey=True)
     _rows(left, ratios, f"policy / {who}", 1.0, "Score, ratio")
     _rows(middle, normalized, f"0 random, 1 {who}", 1.0, "Score, normalized")
     _rows(right, differences, f"policy − {who}", 0.0, "Steps, difference")
@@ -340,10 +427,11 @@ def _rows(
     axes.set_ylim(len(rows) - 0.5, -0.5)
 
 
-BOX, INK, ARROW = "#f4ede6", "#1b2733", "#5a6672"
 MAIN_X, MAIN_WIDTH, ASIDE_X, ASIDE_WIDTH = 0.0, 4.6, 5.4, 4.6
-WIDEST = 48
-"""Characters of a line in a box of the main column."""
+NARROW_WIDTH = 10.0
+"""The width of the only column on a phone."""
+WIDEST, NARROW_WIDEST = 48, 40
+"""Characters of a line in a box of the main column, and of the only one."""
 LINE, PADDING, GAP = 0.34, 0.26, 0.5
 """Heights in the chart's units, of which ten are its width."""
 
@@ -416,17 +504,46 @@ def _step(label: str, count: int, lost: Sequence[tuple[str, int]]) -> FlowStep:
     return FlowStep(label, count, lost=tuple((reason, number) for reason, number in lost if number))
 
 
-def flow_height(steps: Sequence[FlowStep]) -> float:
+def flow_height(steps: Sequence[FlowStep], is_narrow: bool = False) -> float:
     """The height of the drawing in its own units."""
-    return sum(map(_height, steps)) + GAP * (len(steps) - 1)
+    heights = [_box_height(len(_lines(step))) if is_narrow else _height(step) for step in steps]
+    return sum(heights) + GAP * (len(steps) - 1)
 
 
-def draw_flow(canvas: Canvas, steps: Sequence[FlowStep]) -> None:
-    """Draw the stages below one another, and beside each those who were lost there."""
+def draw_flow(canvas: Canvas, is_narrow: bool, steps: Sequence[FlowStep]) -> None:
+    """Draw the stages below one another, with those who were lost at each.
+
+    They stand in a box beside the stage's, or in the same box on a phone.
+    """
     axes = canvas.subplots()
     axes.set_axis_off()
     axes.set_xlim(-0.05, 10.05)
-    axes.set_ylim(-flow_height(steps) - 0.05, 0.05)
+    axes.set_ylim(-flow_height(steps, is_narrow) - 0.05, 0.05)
+    if is_narrow:
+        _draw_column(axes, steps)
+    else:
+        _draw_two_columns(axes, steps)
+
+
+def _draw_column(axes: Axes, steps: Sequence[FlowStep]) -> None:
+    top, centre = 0.0, MAIN_X + NARROW_WIDTH / 2
+    for step, below in zip_longest(steps, steps[1:]):
+        height = _box_height(len(_lines(step)))
+        _box(axes, MAIN_X, NARROW_WIDTH, top - height / 2, _lines(step), is_bold=True)
+        top -= height
+        if below is not None:
+            _arrow(axes, (centre, top), (centre, top - GAP))
+        top -= GAP
+
+
+def _lines(step: FlowStep) -> list[str]:
+    lost = [f"– {reason}: {count}" for reason, count in step.lost]
+    wrapped = [part for line in lost for part in wrap(line, NARROW_WIDEST)]
+    details = wrap(step.detail, NARROW_WIDEST) if step.detail else []
+    return [f"{step.label}: {step.count}", *details, *wrapped]
+
+
+def _draw_two_columns(axes: Axes, steps: Sequence[FlowStep]) -> None:
     top, centre = 0.0, MAIN_X + MAIN_WIDTH / 2
     for step, below in zip_longest(steps, steps[1:]):
         lines = [f"{step.label}: {step.count}", *([step.detail] if step.detail else [])]
@@ -465,8 +582,8 @@ def _box(
         (left, middle - height / 2),
         width,
         height,
-        facecolor=BOX if is_bold else "white",
-        edgecolor=ARROW,
+        facecolor=BOX if is_bold else PAPER,
+        edgecolor=AXIS,
         linewidth=0.8,
     )
     axes.add_patch(box)
@@ -474,10 +591,17 @@ def _box(
         y = middle + height / 2 - PADDING - (number + 0.5) * LINE
         weight = "bold" if is_bold and number == 0 else "normal"
         axes.text(
-            left + 0.2, y, line, va="center", ha="left", fontsize=8, color=INK, fontweight=weight
+            left + 0.2,
+            y,
+            line,
+            va="center",
+            ha="left",
+            fontsize=8,
+            color=PEOPLE_COLOUR,
+            fontweight=weight,
         )
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
-    look = {"arrowstyle": "-|>", "color": ARROW, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+    look = {"arrowstyle": "-|>", "color": AXIS, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", end, start, arrowprops=look)

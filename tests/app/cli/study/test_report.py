@@ -50,7 +50,7 @@ def test_people_on_the_terminal_as_a_page_and_as_json(report, tmp_path):
     assert people["pictures"]["curve"]["mean"]
     page = (tmp_path / "r.html").read_text()
     assert f"{people['figures'][1]['score']['mean']:.4f}" in page
-    assert page.count("<svg") == 6
+    assert page.count("<svg") == 12
 
 
 def test_scripts_are_reported_when_asked_for_and_marked(report, tmp_path):
