@@ -10,7 +10,7 @@ import { loadTask, paintNumbers, promptText, showTask } from "../common/task.js"
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
 import { capital, many } from "../common/words.js";
-import { dayText, pastText, peopleText, policyRows, rankText, resultText, shareText, streakText, untilText } from "./words.js";
+import { bestRows, dayText, pastText, peopleText, policyRows, rankText, resultText, shareText, streakText, untilText, whoText } from "./words.js";
 
 let state = initialState();
 /** @type {Answers.Today | null} */
@@ -186,9 +186,9 @@ async function showRoutes(best, own) {
 }
 
 function paintRoutes() {
-  const { you, policy } = boardColours(document.documentElement);
+  const { you } = boardColours(document.documentElement); // the best is a person too
   for (const { course, name, place } of routes) {
-    task.paint(place, task.boardAt(course, course.actions.length), { name, accent: name === "You" ? you : policy, ...sizes.of(place), dpr: devicePixelRatio || 1 });
+    task.paint(place, task.boardAt(course, course.actions.length), { name, accent: you, ...sizes.of(place), dpr: devicePixelRatio || 1 });
   }
 }
 
@@ -243,7 +243,7 @@ async function showPast({ day: nowadays, yesterday }) {
   const isYesterday = day === yesterday?.day;
   put(by("yesterday-title"), isYesterday ? `Yesterday, ${dayText(day)}` : dayText(day));
   put(by("key-of"), isYesterday ? "Yesterday's key" : `The key of ${dayText(day)}`);
-  const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, each), each.you ? "you" : "person", each.episode ?? undefined));
+  const best = bestRows(task, people.table).slice(0, 5).map((level) => row(whoText(level), level.text, level.you ? "you" : "person", level.episode ?? undefined));
   by("yesterday-rows").replaceChildren(...best, ...policyItems(policyRows(task, policies.filter(({ moves }) => moves !== null), null)));
   put(by("yesterday-note"), peopleText(task, people));
   by("yesterday").hidden = false;

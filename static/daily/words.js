@@ -98,6 +98,28 @@ export function peopleText({ target }, { players, unfinished }) {
   return `${many(players, "person", "people")}${rest}. Each has one attempt.`;
 }
 
+/** Return the best of a day as rows, the best first: people who are level share one.
+ * @param {Pick<Task, "successes" | "outcome" | "shareText">} task @param {Answers.Result[]} table
+ * @returns {Daily.PeopleRow[]} */
+export function bestRows(task, table) {
+  /** @type {Daily.PeopleRow[]} */
+  const rows = [];
+  for (const person of table) {
+    const text = resultText(task, person);
+    const level = rows.find((row) => row.rank === person.rank && row.text === text);
+    if (!level) rows.push({ rank: person.rank, text, people: 1, you: person.you, episode: person.episode });
+    else Object.assign(level, { people: level.people + 1, you: level.you || person.you, episode: person.you ? person.episode : level.episode });
+  }
+  return rows;
+}
+
+/** @param {Daily.PeopleRow} row @returns who stands in it: "1. You and 3 people" */
+export const whoText = ({ rank, people, you }) => {
+  const others = many(you ? people - 1 : people, "person", "people");
+  const names = !you ? (people > 1 ? others : "A person") : people > 1 ? `You and ${others}` : "You";
+  return `${rank}. ${names}`;
+};
+
 /** @param {Task} task @param {Answers.PolicyOfDay} policy @returns what a policy did */
 export function policyText(task, { state, moves, coverage }) {
   if (state !== "ready") return state === "failed" ? "not available" : "still playing";

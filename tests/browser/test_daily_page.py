@@ -110,6 +110,10 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
         me.shows("streak", f"{day} days in a row")
         assert days.count() == int(day)
     check_screen(page, "daily-third-day", wrong, ("light", "dark"))
+    page.set_viewport_size({"width": 1440, "height": 900})
+    board, past = (page.locator(part).bounding_box() for part in (".board", "#yesterday"))
+    assert past["x"] == board["x"], "nothing is empty below the board"
+    assert past["y"] >= board["y"] + board["height"]
     page.goto(shared_link)
     page.get_by_test_id("routes").get_by_text(f"You: {moves} moves").wait_for()
     assert page.locator("#yesterday-title").inner_text() == title.split(":")[0]

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
-import { countdown, dayText, peopleText, policyRows, policyText, rankText, resultText, shareText, streakText, pillText } from "../../../static/daily/words.js";
+import { bestRows, countdown, dayText, peopleText, policyRows, policyText, rankText, resultText, shareText, streakText, pillText, whoText } from "../../../static/daily/words.js";
 
 const task = taskOf(MARS);
 const explored = { state: "ended", episode: "e1", outcome: "explored", moves: 87, coverage: 0.9932, score: 0.9, unranked: null };
@@ -13,6 +13,16 @@ const people = (you, players = 3) => ({ players, unfinished: 1, moves: [[87, 2]]
 test("a shared text says the day, the result and the policy, and nothing else", () => {
   assert.equal(shareText(task, "2026-11-22", explored, [ppo], "http://here/daily"), "MarsExplorer daily 2026-11-22: 87 moves, 99.3 % mapped, Expert needed 75\nhttp://here/daily");
   assert.equal(shareText(task, "2026-11-22", crashed, [{ ...ppo, moves: null }], "x"), "MarsExplorer daily 2026-11-22: crashed with 28.5 % mapped after 16 moves\nx");
+});
+
+test("people who are level share a row, which leads to one's own replay", () => {
+  const person = (rank, moves, you = false, episode = `e${rank}${moves}${you}`) => ({ rank, moves, you, episode, outcome: "explored", coverage: 0.99 });
+  const crashed = { rank: 5, moves: null, you: false, episode: null, outcome: "abandoned", coverage: 0.09 };
+  const rows = bestRows(task, [person(1, 99), person(1, 99), person(1, 99, true, "mine"), person(4, 101), crashed]);
+  assert.deepEqual(rows.map(whoText), ["1. You and 2 people", "4. A person", "5. A person"]);
+  assert.deepEqual(rows.map(({ episode }) => episode), ["mine", "e4101false", null]);
+  assert.deepEqual(bestRows(task, [person(1, 99), person(1, 99)]).map(whoText), ["1. 2 people"]);
+  assert.deepEqual(bestRows(task, [person(1, 99, true)]).map(whoText), ["1. You"]);
 });
 
 test("each ending has words of its own", () => {
