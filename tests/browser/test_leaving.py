@@ -61,7 +61,7 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     friend.page.keyboard.press("End")
     assert "drove off the map" in friend.page.get_by_test_id("headline").inner_text()
     problems += judge(friend.page, "replay")
-    friend.page.get_by_test_id("play-yourself").click()
+    friend.page.get_by_test_id("play-link").click()
     friend.wait(
         "window.playground?.state.mode === 'practice' && window.playground.state.link === 'open'"
     )
