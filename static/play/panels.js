@@ -10,7 +10,7 @@ import { challengeHash } from "./address.js";
  * @returns {import("../common/end_card.js").Content} */
 export function endOf(frame, task, { mode, player, rival }, { tried, own }) {
   const who = mode === "watch" ? task.nameOf(player?.name ?? "") : "You";
-  const compared = task.compare(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), who);
+  const compared = task.compare(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""));
   return {
     ...task.ending(frame), ...task.verdict?.(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), mode === "watch" ? who : null), compare: [tried, compared].filter(Boolean).join(" "), own,
     next: `Next ${task.round}`, again: mode !== "ranked", // a terrain counts once

@@ -63,7 +63,7 @@ interface TaskOf<F, M, C, H> extends Answers.Task {
   ending(frame: F): {title: string, line: string};
   /** The same for a study; target: what the protocol asks for, in words. */
   trialEnding(frame: F, target: string): {title: string, line: string, figures: [string, string][], advice: string};
-  compare(mine: F, theirs: F | null, rival: string, who?: string): string;
+  compare(mine: F, theirs: F | null, rival: string): string;
   announcement(before: F | null, after: F): string;
   /** What the first moves of a visitor and of a participant are told. */
   hint(before: F, after: F, said: ReadonlySet<string>): Hint | null;

@@ -87,7 +87,7 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844), (320, 640)])
 def test_mistakes_are_listed_and_one_is_tried_again(serve, player, width, height):
     server = serve()
     me = player(server, FLAGS)
@@ -100,6 +100,10 @@ def test_mistakes_are_listed_and_one_is_tried_again(serve, player, width, height
     lines = me.page.locator("[data-part=costs] li .mistake span").all_inner_texts()
     assert all(" cost " in line for line in lines)
     keep_picture(me.page, f"mistakes-{width}x{height}")
+    if width < 480:
+        item = me.page.locator("[data-part=costs] li").first.bounding_box()
+        foot = me.page.locator(".site").bounding_box()["y"]
+        assert item["y"] + item["height"] <= foot, "the greatest loss is in sight"
     answer = fetched(me.page, f"{server.url}/api/episodes/{frame['episode']}/costs").json()
     biggest = answer["mistakes"][0]
     first, last = biggest["first"] + 1, biggest["last"] + 1

@@ -62,6 +62,47 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
         eventually(lambda foot=foot: bottom(page.get_by_test_id("next")) <= foot)
 
 
+def test_on_a_phone_the_prompt_covers_no_cell_of_the_board(small):
+    page = small.page
+    small.goto()
+    for path in ("/", "/daily"):
+        if path != "/":
+            page.goto(f"{small.url}{path}")
+        small.wait("window.playground.state.player && window.playground.state.link === 'open'")
+        prompt = page.locator(".prompt:not([hidden])").first
+        prompt.wait_for()
+        for width, height in (SMALL, (390, 844)):
+            page.set_viewport_size({"width": width, "height": height})
+            canvas = page.locator(".board[data-role=player] .matrix canvas").first
+            eventually(lambda canvas=canvas: bottom(canvas) <= prompt.bounding_box()["y"])
+            pad, foot = page.locator(".pad").bounding_box(), page.locator(".site").bounding_box()
+            assert bottom(prompt) <= pad["y"], (path, width)
+            assert pad["y"] + pad["height"] <= foot["y"], (path, width)
+
+
+def test_on_a_small_phone_the_question_stands_over_one_row_of_buttons(small):
+    page = small.page
+    small.goto()
+    small.press("east")
+    page.wait_for_timeout(500)  # a press sooner than anybody sees the edge stops before it
+    small.hand.press(page.keyboard, "ArrowUp")  # over the edge
+    page.get_by_test_id("ask").wait_for()
+    row = [
+        page.get_by_test_id(name).bounding_box() for name in ("same-again", "next", "copy-replay")
+    ]
+    assert len({box["y"] for box in row}) == 1
+    assert bottom(page.get_by_test_id("ask")) <= row[0]["y"]
+
+
+def test_a_bar_with_modes_is_one_row_from_1024_pixels_on(small):
+    page = small.page
+    small.goto()
+    for width in (1024, 1160, 1180, 1440):
+        page.set_viewport_size({"width": width, "height": 768})
+        assert page.locator(".bar").bounding_box()["height"] < 60, width
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+
+
 def test_on_a_small_phone_the_choice_of_a_terrain_is_whole(small):
     small.goto()
     page = small.page
@@ -101,6 +142,8 @@ def test_on_a_phone_a_replay_has_a_bar_of_one_row_and_its_buttons_in_sight(small
         assert page.locator(".actions").bounding_box()["height"] <= 40
         foot = page.locator(".site").bounding_box()["y"]
         eventually(lambda foot=foot: bottom(page.get_by_test_id("play")) <= foot)
+        others = page.locator(".actions").get_by_text("Play")
+        assert others.count() == 0, "a second button of that name does something else"
     for width in (820, 1024, 1180, 1300):
         page.set_viewport_size({"width": width, "height": 768})
         assert page.evaluate("document.documentElement.scrollWidth") == width

@@ -79,6 +79,7 @@ export function createCosts({ part, canvas, chart, state, load, tryFrom, storage
     part.costs.hidden = false;
     const time = player.frame.rows * player.frame.cols > 600 ? "On a board of this size that can take a minute." : "That takes a few seconds.";
     part.costs.replaceChildren(create("p", `Expert plays on from your moves. ${time}`, { role: "status" }), create("progress", [], { "aria-label": "Judging your moves" }));
+    part.costs.scrollIntoView({ block: "nearest" });
     try {
       const found = await load(asked);
       if (episode !== asked) return;

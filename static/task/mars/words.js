@@ -150,15 +150,13 @@ export const words = {
     const title = theirs?.outcome ? verdictOf(mine, theirs, rival, watched) : "";
     return title ? { title, line: `${words.ending(mine).title}.` } : null;
   },
-  compare(mine, theirs, rival, who = "You") {
+  compare(mine, theirs, rival) {
     if (!theirs) return "";
     if (theirs.outcome === null) return `${rival} is still exploring: ${many(theirs.step, "move")}, ${percent(theirs.coverage)} % so far.`;
     const [a, b] = [stepsToGoal(mine), stepsToGoal(theirs)];
     if (a === null && b !== null) return `${rival} reached ${TARGET} in ${many(b, "move")}.`;
-    const other = within(rival);
     if (a === null || b === null) return `${rival} did not reach ${TARGET}${a === null ? " here either" : ""}: ${words.status(theirs.outcome)} after ${many(theirs.step, "move")}.`;
-    if (a === b) return `${who} and ${other} both needed ${many(a, "move")}.`;
-    return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${other} (${b}).`;
+    return a === b ? "" : `${rival} needed ${many(b, "move")}.`; // the headline has the rest
   },
   inWords(frame, name) {
     const rows = linesOf(frame).map((line) => runs(line).map(([, length, mark]) =>
