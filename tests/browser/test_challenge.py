@@ -51,8 +51,8 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     theirs = me.state("rival.frame")
     done = fetched(page, f"{server.url}/api/episodes/{against.id}").json()
     assert (theirs["outcome"], theirs["step"]) == ("explored", done["steps"])
-    page.get_by_test_id("end-compare").get_by_text("moves").wait_for()
-    said = page.get_by_test_id("end-compare").inner_text()
+    page.get_by_test_id("end-title").get_by_text("a script").wait_for()
+    said = page.get_by_test_id("end-title").inner_text()
     gap = mine["step"] - theirs["step"]
     assert f"{abs(gap)} move" in said or "Level with" in said
     assert " a script" in said

@@ -143,6 +143,7 @@ def test_on_a_phone_a_replay_has_a_bar_of_one_row_and_its_buttons_in_sight(small
         foot = page.locator(".site").bounding_box()["y"]
         eventually(lambda foot=foot: bottom(page.get_by_test_id("play")) <= foot)
         others = page.locator(".actions").get_by_text("Play")
+        assert page.get_by_role("link", name="Beat this").count() == 1
         assert others.count() == 0, "a second button of that name does something else"
     for width in (820, 1024, 1180, 1300):
         page.set_viewport_size({"width": width, "height": 768})
