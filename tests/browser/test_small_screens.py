@@ -74,7 +74,7 @@ def test_on_a_phone_the_prompt_covers_no_cell_of_the_board(small):
         for width, height in (SMALL, (390, 844)):
             page.set_viewport_size({"width": width, "height": height})
             canvas = page.locator(".board[data-role=player] .matrix canvas").first
-            eventually(lambda canvas=canvas: bottom(canvas) <= prompt.bounding_box()["y"])
+            eventually(lambda c=canvas, p=prompt: bottom(c) <= p.bounding_box()["y"])
             pad, foot = page.locator(".pad").bounding_box(), page.locator(".site").bounding_box()
             assert bottom(prompt) <= pad["y"], (path, width)
             assert pad["y"] + pad["height"] <= foot["y"], (path, width)
