@@ -40,7 +40,7 @@ export function pastText(task, { day, outcome, moves }) {
 }
 
 /** Return what an attempt came to, in a few words.
- * @param {Task} task
+ * @param {Pick<Task, "successes" | "outcome" | "shareText">} task
  * @param {{outcome: string | null, moves: number | null, coverage: number | null}} attempt with the moves that are known */
 export function resultText(task, { outcome, moves, coverage }) {
   const share = coverage === null ? null : task.shareText?.(coverage);
@@ -107,8 +107,8 @@ export function bestRows(task, table) {
   for (const person of table) {
     const text = resultText(task, person);
     const level = rows.find((row) => row.rank === person.rank && row.text === text);
-    if (!level) rows.push({ rank: person.rank, text, people: 1, you: person.you, episode: person.episode });
-    else Object.assign(level, { people: level.people + 1, you: level.you || person.you, episode: person.you ? person.episode : level.episode });
+    if (!level) rows.push({ rank: person.rank, text, people: 1, you: person.you, episode: person.episode ?? null });
+    else Object.assign(level, { people: level.people + 1, you: level.you || person.you, episode: person.you ? person.episode ?? null : level.episode });
   }
   return rows;
 }
