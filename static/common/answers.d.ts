@@ -573,6 +573,8 @@ declare namespace Answers {
     ending: Ending | null,
     invited: boolean,
     supervised_until_ms: number | null,
+    /** with which they can go on on another device; null before the consent and after leaving */
+    recovery_code: string | null,
   };
   /** The people's board: the nearest to Expert first. */
   type People = {
@@ -871,6 +873,12 @@ declare namespace Answers {
     expert: string | null,
     /** whether it has a daily instance and a leaderboard */
     has_boards: boolean,
+  };
+  /** What leads to a participant's place from another device. */
+  type Ticket = {
+    /** what a link to the study's page has after #go= */
+    token: string,
+    until_ms: number,
   };
   /** Today's terrain and your attempt at it. */
   type Today = {

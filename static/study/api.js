@@ -20,11 +20,15 @@ export function outsideIds(search) {
 /** @param {string} search @returns the invitation's token in the page's address; null without one */
 export const invitationIn = (search) => new URLSearchParams(search).get("invitation") || null;
 
-/** Return the page's address without the invitation and the ids of a platform: whoever copies it hands on nothing.
+/** @param {string} hash @returns {string | null} the token of a link from another device, which no server's log has seen */
+export const ticketIn = (hash) => /^#go=(.+)$/.exec(hash)?.[1] ?? null;
+
+/** Return the page's address without the invitation, the ids of a platform and a token: whoever copies it hands on nothing.
  * @param {string} href */
 export function bareAddress(href) {
   const url = new URL(href);
   url.search = "";
+  if (ticketIn(url.hash)) url.hash = "";
   return url.href;
 }
 
@@ -52,6 +56,8 @@ export function createStudyApi(name) {
     giveUp: (episode, step) => ask("give-up", { episode, step }),
     settings: (settings, signal) => ask("settings", settings, undefined, { keepalive: true, signal }),
     supervise: (code) => ask("supervise", { code }),
+    elsewhere: () => request(`${path}/elsewhere`, {}),
+    goOn: (brings) => ask("go-on", brings),
     withdraw: (/** @type {boolean} */ erase) => ask("withdraw", { erase }),
     terrain: (index, phase) => request(`${path}/debrief/${index}?phase=${phase}`),
     costs: (index, phase) => request(`${path}/debrief/${index}/costs?phase=${phase}`, undefined, 600_000),

@@ -15,7 +15,7 @@ import { paintPages } from "./pages.js";
 import { paintPlayScreen } from "./play_screen.js";
 import { createSettings, createSettingsSync, PALETTES } from "./settings.js";
 import { isDriving, knowsTheEnd, screenOf } from "./state.js";
-import { channel, dispatch, frame, join, refresh, state, study, whenChanged } from "./store.js";
+import { channel, dispatch, frame, join, refresh, showLoss, state, study, whenChanged } from "./store.js";
 
 const now_ms = () => performance.now();
 /** @type {Study.State | null} */
@@ -53,9 +53,14 @@ const connections = startBoards({
     if (message.kind === "refused" || (message.kind === "kept" && message.reason !== null)) refresh();
   },
   async beforeRetry(_, session) {
-    const participant = await study.me();
-    dispatch({ kind: "participant", participant });
-    return participant.session === session;
+    try {
+      const participant = await study.me();
+      dispatch({ kind: "participant", participant });
+      return participant.session === session;
+    } catch (error) {
+      if (showLoss(error)) return false;
+      throw error;
+    }
   },
 });
 const repaint = createRepaint((isWhole) => paint(isWhole ? null : painted));

@@ -2,6 +2,7 @@
 // only where it changed.
 import { many } from "../common/words.js";
 import { all, by, create, put } from "../common/page.js";
+import { paintElsewhere } from "./elsewhere.js";
 import { chosenIn, fieldset, radios } from "./questions.js";
 import { screenOf } from "./state.js";
 import { dispatch, go, state, study } from "./store.js";
@@ -101,7 +102,10 @@ export function paintPages(before) {
     show(screen);
   }
   if (participant && screen === "questions" && before?.participant !== participant) paintQuiz(participant);
-  if (participant && participant !== before?.participant) paintSupervision(participant);
+  if (participant && participant !== before?.participant) {
+    paintSupervision(participant);
+    paintElsewhere(participant);
+  }
 }
 
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";

@@ -2,7 +2,7 @@
 // the participant's stage and board; other tabs are notified.
 import { ApiError } from "../common/api.js";
 import { tabStore } from "../common/storage.js";
-import { bareAddress, createStudyApi, invitationIn, outsideIds, studyName } from "./api.js";
+import { bareAddress, createStudyApi, invitationIn, outsideIds, studyName, ticketIn } from "./api.js";
 import { apply, initialState } from "./state.js";
 
 export const name = studyName(location.pathname);
@@ -44,14 +44,23 @@ export const refresh = () => inTurn(async () => {
     arrive(await study.me());
   } catch (error) {
     if (error instanceof ApiError && error.status === 0) dispatch({ kind: "link", link: "lost" });
+    else showLoss(error);
   }
 });
+/** Say so where this browser stands for nobody here any more: they went on elsewhere, or were erased.
+ * @param {unknown} error @returns whether it is so */
+export function showLoss(error) {
+  const isLost = error instanceof ApiError && error.status === 404;
+  if (isLost) dispatch({ kind: "problem", text: error.message });
+  return isLost;
+}
 /** Show why a request was refused. A 409 means that another tab was quicker, or the study closed: what holds now is
  * shown, and the server's sentence if nothing moved.
  * @param {unknown} error @param {string | undefined} stage */
 async function refused(error, stage) {
   if (!(error instanceof ApiError)) return dispatch({ kind: "notice", text: `Something went wrong on this page: ${error}` });
   if (error.status === 0) dispatch({ kind: "link", link: "lost" });
+  if (showLoss(error)) return;
   const participant = error.status === 409 ? await study.me().catch(() => null) : null;
   if (participant) arrive(participant);
   if (!participant || (participant.stage === stage && !participant.note)) dispatch({ kind: "notice", text: error.message });
@@ -77,6 +86,7 @@ export async function go(ask, from) {
 }
 
 const ARRIVAL = `humanplay.study.${name}.arrival`;
+const TICKET = `humanplay.study.${name}.ticket`;
 
 const bareAddressBar = () => history.replaceState(history.state, "", bareAddress(location.href));
 
@@ -84,18 +94,32 @@ const bareAddressBar = () => history.replaceState(history.state, "", bareAddress
  * @returns {string} the part of the address after its question mark */
 function takeArrival() {
   const { search } = location;
+  const token = ticketIn(location.hash);
   if (search) tabStore.setItem(ARRIVAL, search);
+  if (token) tabStore.setItem(TICKET, token);
   if (tabStore.isKept()) bareAddressBar(); // elsewhere a reload needs it until then
   return tabStore.getItem(ARRIVAL) ?? "";
 }
 const arrival = takeArrival();
+
+/** Come by a link from another device, or as the platform's link says. */
+async function enter() {
+  const token = tabStore.getItem(TICKET) ?? ticketIn(location.hash);
+  if (!token) return study.join(outsideIds(arrival), invitationIn(arrival));
+  const participant = await study.goOn({ token }).catch((/** @type {ApiError} */ error) => {
+    if (error.status !== 0) tabStore.removeItem(TICKET);
+    throw error;
+  });
+  tabStore.removeItem(TICKET); // a link is used once; whoever has the place goes on without it
+  return participant;
+}
 
 /** Join the study or go on in it; try again while there is no server.
  * @param {(participant: Study.Participant) => Promise<Study.Participant>} onJoined what comes before the first screen; it returns
  * where the participant stands then */
 export async function join(onJoined) {
   try {
-    const participant = await study.join(outsideIds(arrival), invitationIn(arrival));
+    const participant = await enter();
     tabStore.removeItem(ARRIVAL);
     bareAddressBar();
     arrive(await onJoined(participant));

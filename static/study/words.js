@@ -36,6 +36,9 @@ export const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(
 export const supervisedLine = (until_ms, now_ms) => until_ms !== null && now_ms < until_ms
   ? `Supervised until ${new Date(until_ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}.` : "";
 
+/** @param {number} until_ms @returns for how long a link to here holds */
+export const linkHolds = (until_ms) => `It holds until ${new Date(until_ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}, and for one device.`;
+
 /** @param {Study.Participant} participant @returns which try at the practice it is, from the second one on */
 const tryLine = ({ practice }) => (practice && practice.number > 1 ? `, try ${practice.number} of ${practice.tries}` : "");
 

@@ -210,6 +210,12 @@ class Lobby:
         group = self._groups.get(session.id)
         return session.row.player_id if group is None else group.player.row.player_id
 
+    def hand_over(self, session_id: str, player_id: str) -> None:
+        """Let another cookie drive a board: the sockets of the one before are closed."""
+        if (session := self.in_memory(session_id)) is not None:
+            session.row = replace(session.row, player_id=player_id)
+            session.channel.notify()
+
     async def restart(
         self, session: Session, wanted: WantedEpisode, left: Sequence[Session] = ()
     ) -> None:

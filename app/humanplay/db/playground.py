@@ -60,7 +60,7 @@ _UNPLAYED = """SELECT DISTINCT s.rowid, s.id, s.player_id, r.id FROM episodes o 
         OR EXISTS (SELECT 1 FROM input_events v WHERE v.episode_id = e.id)
         OR EXISTS (SELECT 1 FROM series_episodes t WHERE t.episode_id = e.id)))
     ORDER BY s.rowid LIMIT :most"""
-_WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
+WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
     AND NOT EXISTS (SELECT 1 FROM sessions WHERE ?1 IN (player_id, owner_id))
     AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)
     AND NOT EXISTS (SELECT 1 FROM series_episodes WHERE player_id = ?1)
@@ -196,5 +196,5 @@ def delete_unplayed(
                 conn.execute("DELETE FROM sessions WHERE id = ?", [session])
             deleted += ids
             players |= {player_id} - {None}
-        conn.executemany(_WITHOUT_ANYTHING, [(player_id,) for player_id in players])
+        conn.executemany(WITHOUT_ANYTHING, [(player_id,) for player_id in players])
     return Deletion(deleted, episodes, unplayed[-1][0] if len(unplayed) == most else None)

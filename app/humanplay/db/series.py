@@ -13,14 +13,14 @@ import json
 import secrets
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import NamedTuple
 
 from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.database import rows
 from humanplay.db.erasure import ANSWERS, ARRIVALS, ERASED, asks_erasure, invitation_hash
-from humanplay.db.playground import MOVES
+from humanplay.db.playground import MOVES, WITHOUT_ANYTHING
 from humanplay.db.reader import ATTESTED, TRIAL, Reader
 from humanplay.db.rows import (
     ErasedPerson,
@@ -34,6 +34,7 @@ from humanplay.db.store import Store
 from humanplay.db.study_rows import (
     ARM_EVENT,
     BLOCK_EVENT,
+    MOVED_EVENT,
     ORDER_EVENT,
     AnswerRow,
     FreeTextRow,
@@ -144,6 +145,18 @@ class StudyStore:
         sql = """id = (SELECT participant_id FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
             WHERE e.session_id = ? LIMIT 1)"""
         return self._find(f"session_id = ?1 OR {sql.replace('?', '?1')}", session_id)
+
+    def people_who_agreed(self, study: str) -> list[Participant]:
+        """Return who agreed to take part in a study, in the order of joining."""
+        sql = """SELECT * FROM participants WHERE study = ? AND kind = 'human' AND consent_ms IS NOT NULL
+            ORDER BY joined_ms, id"""
+        return [Participant(*row) for row in self._conn.execute(sql, [study]).fetchall()]
+
+    def has_left_device(self, study: str, mark: str) -> bool:
+        """Whether somebody in a study went on elsewhere from the device of this mark."""
+        sql = """SELECT 1 FROM stage_events v JOIN participants p ON p.id = v.participant_id
+            WHERE p.study = ? AND v.kind = ? AND json_extract(v.detail, '$.left') = ?"""
+        return self._conn.execute(sql, (study, MOVED_EVENT, mark)).fetchone() is not None
 
     def participant_with_identity(self, study: str, name: str, value: str) -> Participant | None:
         """Return the participant who came with an outside id; None when nobody did."""
@@ -309,6 +322,33 @@ class StudyStore:
         sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
         versions = self._conn.execute(sql, [participant_id]).fetchall()
         return [json.loads(detail) for (detail,) in versions]
+
+    def hand_over(
+        self, participant: Participant, player_id: str, at_ms: int, detail: Mapping[str, str]
+    ) -> None:
+        """Give a participant's place and board to another cookie."""
+        with self._store.transaction():
+            self._store.add_player(player_id, at_ms)
+            if participant.session_id is not None:
+                self._hand_over_board(participant.session_id, player_id)
+            with self._changing(participant.id):
+                self._set(participant.id, {"player_id": player_id})
+                self._add(participant.id, at_ms, MOVED_EVENT, detail)
+            self._conn.execute(WITHOUT_ANYTHING, [participant.player_id])
+
+    def _hand_over_board(self, session_id: str, player_id: str) -> None:
+        has_entry = "SELECT 1 FROM chain_salts WHERE kind = 'session' AND id = ?"
+        is_chained = self._conn.execute(has_entry, [session_id]).fetchone() is not None
+        changing = chain.changing(self._conn, "session", session_id)
+        with changing if is_chained else nullcontext():
+            sql = "UPDATE sessions SET player_id = ?1, owner_id = ?1 WHERE id = ?2"
+            self._conn.execute(sql, (player_id, session_id))
+
+    def change_cookie(self, participant_id: str, player_id: str, at_ms: int) -> None:
+        """Let another cookie stand for somebody who has not agreed yet."""
+        with self._changing(participant_id):
+            self._store.add_player(player_id, at_ms)
+            self._set(participant_id, {"player_id": player_id})
 
     def set_session(self, participant_id: str, session_id: str) -> None:
         """Set the session that is the participant's board."""

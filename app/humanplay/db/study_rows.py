@@ -18,6 +18,8 @@ BLOCK_EVENT = "block"
 """Kind of the stage event of a block that was answered or skipped: its `block`, its `turn`, and whether it was `skipped`."""
 ARM_EVENT = "arm"
 """Kind of the stage event of an assignment: the `arm`, and the `number` that it follows from."""
+MOVED_EVENT = "moved"
+"""Kind of the stage event of going on on another device: `by` a link or a code, and a mark of the cookie that was `left`."""
 ORDER_EVENT = "order"
 """Kind of the stage event whose detail holds the `number` that fixes a participant's order of the
 ranked terrains."""

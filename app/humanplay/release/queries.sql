@@ -19,8 +19,26 @@ SELECT
   p.joined_ms,
   p.completed_ms,
   (SELECT t.status FROM participant_statuses t WHERE t.participant_id = p.id) AS status,
+  CASE
+    WHEN p.kind <> 'human' THEN NULL
+    WHEN p.completed_ms IS NOT NULL THEN 'finished'
+    WHEN EXISTS (SELECT 1 FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'interrupted') THEN 'stopped_by_us'
+    WHEN p.stage = 'withdrawn' THEN coalesce((SELECT json_extract(v.detail, '$.outcome') FROM stage_events v
+      WHERE v.participant_id = p.id AND v.kind = 'withdrawn' AND json_extract(v.detail, '$.outcome') IS NOT NULL), 'withdrew')
+    WHEN (SELECT l.outcome FROM series_episodes q JOIN episodes l ON l.id = q.episode_id
+      WHERE q.participant_id = p.id AND q.phase = 'ranked' ORDER BY q.trial DESC LIMIT 1) = 'environment_failed' THEN 'stopped_by_us'
+    ELSE 'left'
+  END AS outcome,
+  (coalesce(p.completed_ms, max(
+    p.consent_ms,
+    coalesce((SELECT max(coalesce((SELECT max(t.server_ms) FROM steps t WHERE t.episode_id = l.id), l.started_ms))
+      FROM series_episodes q JOIN episodes l ON l.id = q.episode_id WHERE q.participant_id = p.id), 0),
+    coalesce((SELECT max(v.at_ms) FROM stage_events v
+      WHERE v.participant_id = p.id AND v.kind IN ('stage', 'withdrawn')), 0)
+  )) - p.consent_ms) / 60000.0 AS minutes,
   json_extract(p.settings, '$.modality') AS modality,
   json_extract(p.settings, '$.palette') AS palette,
+  1 + (SELECT count(*) FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'moved') AS devices,
   (SELECT count(*) FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'answers') AS attempts,
   (SELECT json_group_array(json(a.answers)) FROM (
     SELECT coalesce(json_extract(v.detail, '$.answers'), '[]') AS answers FROM stage_events v

@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Literal
 
 from humanplay.db.rows import ErasedPerson, NotedArrivals, StageEvent
-from humanplay.db.study_rows import BLOCK_EVENT, Participant
+from humanplay.db.study_rows import BLOCK_EVENT, MOVED_EVENT, Participant
 from humanplay.db.trial import Trial
 from humanplay.study.invitations import Invitation
 from humanplay.study.outcome import Outcome
@@ -330,6 +330,11 @@ def missed_checks(events: Iterable[StageEvent]) -> int:
     """How many attention checks somebody left out, declined or answered wrongly."""
     missed = (event.detail.get("missed") for event in events if event.kind == BLOCK_EVENT)
     return sum(number for number in missed if isinstance(number, int))
+
+
+def devices_used(events: Iterable[StageEvent]) -> int:
+    """On how many devices somebody took part."""
+    return 1 + sum(event.kind == MOVED_EVENT for event in events)
 
 
 def repeated_reasons(

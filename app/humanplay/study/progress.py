@@ -25,6 +25,16 @@ from humanplay.db.trial import Trial
 from humanplay.study.arms import arm_name, arm_of, questions_of, reach_stage
 from humanplay.study.asking import DueBlock, break_due, due_blocks, skip, store_answers
 from humanplay.study.closing import give_up_left, left_open, note_closed
+from humanplay.study.elsewhere import (
+    WRONG_CODE,
+    Ticket,
+    holder_of_ticket,
+    is_recovery_code,
+    mark_of,
+    named_by_code,
+    recovery_code,
+    ticket_of,
+)
 from humanplay.study.flow import ENDING_EVENTS, missed_checks, outcome_of
 from humanplay.study.folder import Folder, Study
 from humanplay.study.outcome import Outcome
@@ -33,7 +43,13 @@ from humanplay.study.participation import CLOSED_MESSAGE, Participations, StageE
 from humanplay.study.places import is_full
 from humanplay.study.protocol import Arm, DraftStudyError, StudyError, UnknownStudyError
 from humanplay.study.questions import EARLY_POSITIONS, Sent
-from humanplay.study.recruitment import UNREADABLE, Arrival, Recruitment, supervise
+from humanplay.study.recruitment import (
+    MAX_WRONG_CODES,
+    UNREADABLE,
+    Arrival,
+    Recruitment,
+    supervise,
+)
 from humanplay.study.seeds import TUTORIAL_SEED, order_group
 from humanplay.task import counted, on_threads
 
@@ -41,6 +57,12 @@ __all__ = ["NotJoinedError", "ParticipantProgress", "StageError"]
 
 _log = logging.getLogger(__name__)
 NOT_HERE = "the study {!r} cannot be played on this server now; tell whoever invited you"
+WENT_ON_ELSEWHERE = "you have gone on with this study on another device: go on there, or come back here with your recovery code"
+NO_TICKET = (
+    "this link leads nowhere any more: it holds for 15 minutes and for one device. Make another on the device on which you "
+    "take part, or type your recovery code"
+)
+NO_CODE = "this is not a recovery code of this study: type it just as you noted it, or ask whoever invited you"
 _WARM_UP: Stage = "warm_up"
 _SUPERVISED: tuple[Stage, ...] = ("instructions", "tutorial", "questions", "warm_up", "ranked")
 """Stages at which the operator's code can be typed."""
@@ -167,6 +189,8 @@ class ParticipantProgress:
         find = self.study_store.participant_of_player
         found = None if player_id is None else find(name, player_id)
         if found is None:
+            if player_id is not None and self._has_left_device(name, player_id):
+                raise NotJoinedError(WENT_ON_ELSEWHERE)
             raise NotJoinedError(
                 f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does"
             )
@@ -179,6 +203,8 @@ class ParticipantProgress:
         came = comes.outside_ids
         kept = {name: came[name] for name in study.protocol.outside_ids if name in came}
         script, now, invitation = comes.script, self._now(), None
+        if found is None and script is None and self._has_left_device(name, player_id):
+            raise StageError(WENT_ON_ELSEWHERE)
         if found is not None and script is not None and found.script != script:
             who = "a person" if found.script is None else f"the script {found.script!r}"
             what = f"this browser takes part as {who} already"
@@ -393,6 +419,95 @@ class ParticipantProgress:
         texts = read_texts(self.folder.path(study.name))
         return ending(study.protocol, texts, outcome, ids, participant.completion_code)
 
+    def ticket(self, name: str, player_id: str | None) -> Ticket:
+        """What leads to a participant's place from another device, for some minutes."""
+        study, participant = self._at(name, player_id)
+        self._check_can_move(participant)
+        return ticket_of(study, participant, self._now())
+
+    def recovery_code(self, study: Study, participant: Participant) -> str | None:
+        """The code with which a participant can go on elsewhere; None for whoever cannot."""
+        if not study.is_running or not _can_move(participant):
+            return None
+        return recovery_code(study, participant)
+
+    async def go_on_here(
+        self, name: str, player_id: str, token: str | None, code: str | None
+    ) -> Participant:
+        """Let a participant go on on another device; the one before stops at once.
+
+        Args:
+            player_id: Of the new device's cookie.
+            token: Of a link; None with a code.
+        """
+
+        def hand_over_board(participant: Participant) -> None:
+            if participant.session_id is not None:
+                self.lobby.hand_over(participant.session_id, participant.player_id)
+
+        move = partial(self._move_here, name, player_id, token, code)
+        return await self.lobby.store.write(move, then=hand_over_board)
+
+    def _move_here(
+        self, name: str, player_id: str, token: str | None, code: str | None
+    ) -> Participant:
+        study, now = self.open_study(name), self._now()
+        people = self.study_store.people_who_agreed(name)
+        if token is not None:
+            person, way = holder_of_ticket(study, people, token, now), "link"
+            if person is None:
+                raise StageError(NO_TICKET)
+        else:
+            person, way = self._holder_of_code(study, people, code or "", now), "code"
+        self._check_can_move(person)
+        if person.player_id == player_id:
+            return person
+        present = self.study_store.participant_of_player(name, player_id)
+        if present is not None and present.consent_ms is not None:
+            raise StageError(
+                "this browser takes part in the study as somebody else: use another one, or a private window"
+            )
+        with self.lobby.store.transaction():
+            if present is not None:  # opened here, and not answered: that stays counted
+                self.study_store.change_cookie(present.id, self._sources.player_id(), now)
+            detail = {"by": way, "left": mark_of(study, person.player_id)}
+            self.study_store.hand_over(person, player_id, now, detail)
+        return self.study_store.participant(person.id)
+
+    def _holder_of_code(
+        self, study: Study, people: Sequence[Participant], typed: str, now: int
+    ) -> Participant:
+        """Whose recovery code was typed.
+
+        Raises:
+            StageError: For a wrong one, which is noted with whoever has its label.
+        """
+        person = named_by_code(people, typed)
+        if person is None:
+            raise StageError(NO_CODE)
+        if self.study_store.count_stage_events(person.id, WRONG_CODE) >= MAX_WRONG_CODES:
+            raise StageError(
+                f"{MAX_WRONG_CODES} wrong recovery codes were typed for this place, and none is looked at any more: make a "
+                "link on the device on which you take part, or write to whoever invited you"
+            )
+        if not is_recovery_code(study, person, typed):
+            self.study_store.add_stage_event(person.id, now, WRONG_CODE, {})
+            raise StageError(NO_CODE)
+        return person
+
+    def _check_can_move(self, participant: Participant) -> None:
+        if not _can_move(participant):
+            raise StageError(
+                "only a person who has agreed to take part, and has not left, can go on on another device"
+            )
+
+    def _has_left_device(self, name: str, player_id: str) -> bool:
+        try:
+            study = self.folder.study(name)
+        except StudyError:
+            return False
+        return self.study_store.has_left_device(name, mark_of(study, player_id))
+
     def supervise(self, name: str, player_id: str | None, code: str) -> None:
         """Note that the operator typed their code for a participant; StageError for a wrong one."""
         study, participant = self._at(name, player_id, *_SUPERVISED)
@@ -539,6 +654,11 @@ class ParticipantProgress:
 
     def _now(self) -> int:
         return self._sources.clock_ms()
+
+
+def _can_move(participant: Participant) -> bool:
+    has_agreed = participant.kind == "human" and participant.consent_ms is not None
+    return has_agreed and participant.stage != "withdrawn"
 
 
 def _describe(stage: str) -> str:

@@ -63,13 +63,20 @@ Rule = Literal[
     "least_minutes",
     "most_minutes",
     "most_missed_checks",
+    "most_devices",
 ]
 ExclusionRules = dict[Rule, StrictBool | float]
 PER_PROTOCOL = "protocol"
 """The exclusion set of the per-protocol estimate."""
 SHARES: tuple[Rule, ...] = ("most_given_up", "max_pause_share")
 """Rules that take a number, 0 to 1."""
-NUMBERS: tuple[Rule, ...] = (*SHARES, "least_minutes", "most_minutes", "most_missed_checks")
+NUMBERS: tuple[Rule, ...] = (
+    *SHARES,
+    "least_minutes",
+    "most_minutes",
+    "most_missed_checks",
+    "most_devices",
+)
 """Rules that take a number; the others are true or false."""
 EXCLUSION: dict[str, ExclusionRules] = {
     PER_PROTOCOL: {"completed": True, "all_ranked_driver_human": True, "most_given_up": 0.5},
@@ -638,6 +645,11 @@ class Protocol(Part):
             if misses < 0 or misses % 1:
                 raise ValueError(
                     f"the rule most_missed_checks takes a whole number from 0, got {misses:g}"
+                )
+            devices = rules.get("most_devices", 1)
+            if devices < 1 or devices % 1:
+                raise ValueError(
+                    f"the rule most_devices takes a whole number from 1, got {devices:g}"
                 )
             least, most = rules.get("least_minutes", 0.0), rules.get("most_minutes", math.inf)
             if not 0 <= least < most:

@@ -93,6 +93,7 @@ class PlaySocket:
 
     def __init__(self, websocket: WebSocket, session: Session) -> None:
         self._websocket, self._session = websocket, session
+        self._player_id = session.row.player_id
         self._is_owner = is_owner(websocket, session)
         self._is_page = has_own_origin(websocket) is True
         self._keeping: asyncio.Task[None] | None = None
@@ -122,6 +123,9 @@ class PlaySocket:
         remade: RepeatProgress | None = None
         with session.channel.subscribe() as subscriber:
             async for newest in subscriber:
+                if self._is_handed_over():
+                    await close(self._websocket, UNKNOWN_SESSION, "the player went on elsewhere")
+                    return
                 if newest is not frame:
                     frame = newest
                     await send(frame)
@@ -142,7 +146,7 @@ class PlaySocket:
     async def _receive(self) -> None:
         while True:
             message = await self._websocket.receive()
-            if message["type"] == "websocket.disconnect":
+            if message["type"] == "websocket.disconnect" or self._is_handed_over():
                 return
             text = message.get("text")
             if text is None:
@@ -185,6 +189,10 @@ class PlaySocket:
         except (BadMessageError, PermissionError, StoreError) as error:
             self._count_refusal("not_written" if isinstance(error, StoreError) else "bad_message")
             return encode_error(str(error))
+
+    def _is_handed_over(self) -> bool:
+        """Whether the board is another cookie's since this socket joined it."""
+        return self._session.row.player_id != self._player_id
 
     def _driver(self, act: Act) -> str:
         """Whether a person made an act: "human" or "script".

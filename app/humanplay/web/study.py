@@ -10,7 +10,7 @@ from functools import partial
 from typing import Annotated, Literal, TypeVar
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from humanplay.board.messages import PRINTABLE, Message
 from humanplay.board.participation import RefusedError
@@ -31,7 +31,7 @@ from humanplay.study.templates import placeholder_values
 from humanplay.task import describe
 from humanplay.web.access import PARTICIPANT, participant_of, remember_player, services_of
 from humanplay.web.answers.replays import Costs, DebriefRuns
-from humanplay.web.answers.studies import ListedStudy, Participation
+from humanplay.web.answers.studies import ListedStudy, Participation, Ticket
 from humanplay.web.answers.studies import Study as StudyAnswer
 from humanplay.web.api import session_summary
 from humanplay.web.results import costs_of
@@ -148,6 +148,19 @@ class OperatorCode(Message):
     """What the operator typed."""
 
     code: str = Field(max_length=100, examples=["7K3M-XWT5"])
+
+
+class GoOn(Message):
+    """The token of a link to a place, or a recovery code."""
+
+    token: str | None = Field(default=None, max_length=60)
+    code: str | None = Field(default=None, max_length=60, examples=["7F3A-12BC-K3M9-XWT5-9ABC"])
+
+    @model_validator(mode="after")
+    def _one_way(self) -> GoOn:
+        if (self.token is None) is (self.code is None):
+            raise ValueError("expected a token or a code, and not both")
+        return self
 
 
 class AbandonEpisode(Message):
@@ -315,6 +328,7 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "ending": ending and asdict(ending),
         "invited": participant.invitation is not None,
         "supervised_until_ms": supervised_until_ms(participant),
+        "recovery_code": progress.recovery_code(study, participant),
     }
 
 
@@ -520,6 +534,34 @@ async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
     A wrong code is refused with 409 and recorded; after ten no code of this participant is looked at.
     """
     return await asks.after(asks.write(asks.progress.supervise, typed.code))
+
+
+@router.post("/{name}/elsewhere", response_model=Ticket, summary="Go on on another device")
+async def elsewhere(asks: AskingOf) -> State:
+    """Return the token of a link to the participant's place.
+
+    It holds for 15 minutes, and for one device.
+    """
+    with answering_study_errors():
+        ticket = await asks.progress.lobby.store.read(
+            partial(asks.progress.ticket, asks.name, asks.player)
+        )
+    return asdict(ticket)
+
+
+@router.post("/{name}/go-on", response_model=Participation, summary="Go on here")
+async def go_on_here(asks: AskingOf, response: Response, brings: GoOn) -> State:
+    """Go on here, by a link's token or a recovery code; the device before stops.
+
+    Terrains, order and arm stay the same. After ten wrong codes for a place none is looked at.
+    """
+    progress = asks.progress
+    player_id = asks.player or progress.lobby.sources.player_id()
+    with answering_study_errors():
+        participant = await progress.go_on_here(asks.name, player_id, brings.token, brings.code)
+        answer = await participant_state(asks.request, progress.study(asks.name), participant)
+    remember_player(response, asks.request, player_id, PARTICIPANT)
+    return answer
 
 
 @router.post("/{name}/withdraw", response_model=Participation, summary="Leave the study")

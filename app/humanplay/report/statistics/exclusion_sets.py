@@ -22,7 +22,15 @@ from humanplay.board.attestation import level_reaches, shows_program, shows_prog
 from humanplay.db.trial import LEFT, Required, Trial
 from humanplay.report.statistics.formatting import counted, percent
 from humanplay.study.data import Person, StudyData
-from humanplay.study.flow import IN_EVERYBODY, INTERRUPTED, STOPPED, Status, left_as, missed_checks
+from humanplay.study.flow import (
+    IN_EVERYBODY,
+    INTERRUPTED,
+    STOPPED,
+    Status,
+    devices_used,
+    left_as,
+    missed_checks,
+)
 from humanplay.study.outcome import Outcome
 from humanplay.study.practice import has_passed
 from humanplay.study.protocol import Rule
@@ -424,6 +432,8 @@ def broken(cohort: Cohort, person: Person, rules: Mapping[Rule, bool | float]) -
         yield "most_minutes"
     if missed_checks(person.events) > rules.get("most_missed_checks", np.inf):
         yield "most_missed_checks"
+    if devices_used(person.events) > rules.get("most_devices", np.inf):
+        yield "most_devices"
 
 
 OF_NO_EPISODE: tuple[Rule, ...] = (
@@ -431,6 +441,7 @@ OF_NO_EPISODE: tuple[Rule, ...] = (
     "least_minutes",
     "most_minutes",
     "most_missed_checks",
+    "most_devices",
 )
 """Rules of which a break says nothing of a ranked episode: the operator of an open study sees it."""
 
@@ -519,5 +530,6 @@ def _rule_text(rule: Rule, bound: bool | float) -> str:
         "most_missed_checks": f"missed at most {counted(int(bound), 'attention check')}"
         if bound
         else "missed no attention check",
+        "most_devices": f"took part on at most {counted(int(bound), 'device')}",
     }
     return texts[rule]

@@ -206,3 +206,13 @@ class Participation(Answer):
     ending: Ending | None = Field(description="null while the participant can go on")
     invited: bool
     supervised_until_ms: int | None
+    recovery_code: str | None = Field(
+        description="with which they can go on on another device; null before the consent and after leaving"
+    )
+
+
+class Ticket(Answer):
+    """What leads to a participant's place from another device."""
+
+    token: str = Field(description="what a link to the study's page has after #go=")
+    until_ms: int
