@@ -385,7 +385,7 @@ def power_in_words(protocol: Protocol) -> str:
         )
     else:
         sentences.append(
-            f"No difference is seen in {100 * POSSIBLE_POWER:.0f} % of studies of this size."
+            f"No difference, however large, is seen in {100 * POSSIBLE_POWER:.0f} % of studies of this size."
         )
     if power.half_width is not None:
         sentences.append(
