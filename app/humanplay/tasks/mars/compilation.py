@@ -19,8 +19,8 @@ from marsexplorer.warmup import step_once, warmups
 
 PRIORITY = 19
 """Niceness of the process that compiles: whoever plays comes first."""
-LIMIT_S = 600.0
-"""Seconds that one kernel may take."""
+LIMIT_S = 3600.0
+"""Seconds that one kernel may take: many, since other programs may leave the lowest priority little."""
 PAUSE_S = 0.1
 """Seconds in which a board that waited for a kernel asks for its next one."""
 
