@@ -6,10 +6,9 @@ First a person presses keys in a real Chromium: FourRooms and Crafter in turns, 
 time, as far as installed. A time goes from the key's event to the task after the animation frame
 with the picture which shows it; of Breakout that is the first on which the paddle stands elsewhere,
 two ticks after the key at the earliest. Beside it stands what step and picture take the environment
-itself. Then `--boards` people play Breakout for `--seconds`, the
-server and its boards' processes on one core and the people on another, chain and commits on. The
-exit code is 1 where a board makes fewer than 59 ticks a second, or `verify` finds something. Wants
-a quiet machine.
+itself. Then `--boards` people play Breakout for `--seconds`, the server and its boards' processes on
+one core and the people on another, chain and commits on. The exit code is 1 where a board makes
+fewer than 59 ticks a second, or `verify` finds something. Wants a quiet machine.
 """
 
 from __future__ import annotations
