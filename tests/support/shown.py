@@ -17,6 +17,15 @@ def figure():
     return drawn
 
 
+def closed_figure():
+    """One that pyplot has made and forgotten, so that it holds no memory."""
+    from matplotlib import pyplot
+
+    drawn = pyplot.figure(figsize=(0.2, 0.1), dpi=10, facecolor=(1, 0, 0))
+    pyplot.close(drawn)
+    return drawn
+
+
 WAYS = {
     "rgb": lambda: RGB,
     "rgba": lambda: np.dstack([RGB, np.full((2, 3), 255, np.uint8)]),
@@ -27,6 +36,7 @@ WAYS = {
     "grey channel": lambda: GREY[:, :, None],
     "mask": lambda: GREY > 50,
     "figure": figure,
+    "closed figure": closed_figure,
     "float": lambda: RGB / 255,
     "negative": lambda: RGB.astype(np.int64) - 1,
     "channels first": lambda: np.moveaxis(np.zeros((5, 6, 3), np.uint8), -1, 0),

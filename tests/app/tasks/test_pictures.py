@@ -31,6 +31,7 @@ def described(way):
         ("grey channel", np.dstack([GREY] * 3)),
         ("mask", np.dstack([255 * (GREY > 50)] * 3)),
         ("figure", np.full((1, 2, 3), (255, 0, 0))),
+        ("closed figure", np.full((1, 2, 3), (255, 0, 0))),
     ],
 )
 def test_a_board_shows_it(way, expected):

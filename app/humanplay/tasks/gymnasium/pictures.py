@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,10 +26,8 @@ def pixels_of(rendered: object) -> NDArray[np.uint8]:
     """
     if isinstance(rendered, (list, tuple)) and rendered and isinstance(rendered[-1], np.ndarray):
         rendered = rendered[-1]
-    canvas = getattr(rendered, "canvas", None)
-    if canvas is not None and hasattr(canvas, "buffer_rgba"):
-        canvas.draw()
-        rendered = canvas.buffer_rgba()
+    if any(base.__module__ == "matplotlib.figure" for base in type(rendered).__mro__):
+        rendered = _drawn(rendered)
     if rendered is None:
         raise ValueError(
             f"render returned nothing: expected {EXPECTED} where it is made with render_mode='rgb_array'"
@@ -41,6 +41,14 @@ def pixels_of(rendered: object) -> NDArray[np.uint8]:
     if array.shape[2] == 1:
         return np.repeat(array, 3, axis=2)
     return np.ascontiguousarray(array[:, :, :3])
+
+
+def _drawn(figure: object) -> object:
+    """The pixels of a figure of matplotlib, one that was closed too."""
+    # `pyplot.close` takes from a figure what could draw it
+    canvas = import_module("matplotlib.backends.backend_agg").FigureCanvasAgg(figure)
+    canvas.draw()
+    return canvas.buffer_rgba()
 
 
 def _bytes(array: NDArray[np.generic]) -> NDArray[np.uint8]:
