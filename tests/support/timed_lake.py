@@ -1,4 +1,4 @@
-"""FrozenLake that adds up what it costs by itself, in each process that was started for it."""
+"""FrozenLake that adds up what it costs by itself, in each started process."""
 
 import os
 import time

@@ -59,7 +59,7 @@ def page(
 
 
 def waiting_page(request: Request) -> Response:
-    """The page of a replay whose episode is still being played again; it asks again by itself."""
+    """The page of a replay whose episode is still played again; it reloads itself."""
     return _html(request, "replay/waiting.html")
 
 

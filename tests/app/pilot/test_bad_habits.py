@@ -1,4 +1,4 @@
-"""Environments with bad habits under `play`: each plays, is refused before its page opens, or ends its own episode."""
+"""What `play` does with environments that have bad habits."""
 
 import re
 

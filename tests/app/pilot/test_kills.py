@@ -1,4 +1,7 @@
-"""SIGKILL in the middle of play loses nothing that a page was told, under `play` and under `serve --env`."""
+"""SIGKILL in the middle of play loses nothing that a page was told.
+
+Under `play`, and under `serve --env`.
+"""
 
 import json
 import os
