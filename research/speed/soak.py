@@ -238,7 +238,7 @@ def draw(samples: list[dict[str, Any]], path: Path) -> None:
 
 
 def slope(samples: list[dict[str, Any]]) -> float:
-    """MB of resident memory an hour from minute ten on; NaN with fewer than three samples."""
+    """MB of memory an hour from minute ten on; NaN with fewer than three samples."""
     later = [sample for sample in samples if sample["minutes"] > STEADY_MINUTES]
     if len(later) < 3:
         return float("nan")

@@ -40,7 +40,7 @@ export function pastText(task, { day, outcome, moves }) {
 }
 
 /** Return what an attempt came to, in a few words.
- * @param {Pick<Task, "successes" | "outcome" | "shareText">} task
+ * @param {Task} task
  * @param {{outcome: string | null, moves: number | null, coverage: number | null}} attempt with the moves that are known */
 export function resultText(task, { outcome, moves, coverage }) {
   const share = coverage === null ? null : task.shareText?.(coverage);
@@ -99,7 +99,7 @@ export function peopleText({ target }, { players, unfinished }) {
 }
 
 /** Return the best of a day as rows, the best first: people who are level share one.
- * @param {Pick<Task, "successes" | "outcome" | "shareText">} task @param {Answers.Result[]} table
+ * @param {Task} task @param {Answers.Result[]} table
  * @returns {Daily.PeopleRow[]} */
 export function bestRows(task, table) {
   /** @type {Daily.PeopleRow[]} */
@@ -108,7 +108,7 @@ export function bestRows(task, table) {
     const text = resultText(task, person);
     const level = rows.find((row) => row.rank === person.rank && row.text === text);
     if (!level) rows.push({ rank: person.rank, text, people: 1, you: person.you, episode: person.episode ?? null });
-    else Object.assign(level, { people: level.people + 1, you: level.you || person.you, episode: person.you ? person.episode ?? null : level.episode });
+    else Object.assign(level, { people: level.people + 1, you: level.you || person.you, episode: (person.you && person.episode) || level.episode });
   }
   return rows;
 }

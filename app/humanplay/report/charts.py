@@ -108,23 +108,15 @@ class Drawing:
     alt: str
 
 
-def draw_svg(
-    name: str,
-    height: float,
-    draw: Callable[[Canvas], None],
-    is_synthetic: bool,
-    alt: str,
-    width: float,
-) -> str:
+def draw_svg(name: str, drawing: Drawing, form: Format, is_synthetic: bool) -> str:
     """A chart as an SVG element with its description.
 
     Args:
         name: Its ids begin with it, so that no two charts of a page share one.
-        alt: The description.
     """
     with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
-        canvas = Canvas(figsize=(width, height))
-        draw(canvas)
+        canvas = Canvas(figsize=(form.width, drawing.heights[form.is_narrow]))
+        drawing.draw(canvas, form.is_narrow)
         if is_synthetic:
             canvas.text(
                 0.5,
@@ -132,7 +124,7 @@ def draw_svg(
                 "SYNTHETIC",
                 ha="center",
                 va="center",
-                fontsize=8 * width,
+                fontsize=8 * form.width,
                 color="#b00020",
                 alpha=0.16,
                 rotation=24,
@@ -151,7 +143,7 @@ def draw_svg(
         svg = re.sub(rf'(id="|#){re.escape(element)}(?=["\)])', rf"\g<1>{name}-{element}", svg)
     for colour, role in STYLED.items():
         svg = svg.replace(f": {colour}", f": var(--chart-{role}, {colour})")
-    return svg.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1)
+    return svg.replace("<svg", f'<svg role="img" aria-label="{escape(drawing.alt)}"', 1)
 
 
 def charts(report: Report, group: GroupReport) -> dict[str, dict[str, str]]:
@@ -161,11 +153,9 @@ def charts(report: Report, group: GroupReport) -> dict[str, dict[str, str]]:
         name: {
             form.name: draw_svg(
                 f"{group.name}-{name}-{form.name}".replace(" ", "-"),
-                drawing.heights[form.is_narrow],
-                partial(drawing.draw, is_narrow=form.is_narrow),
+                drawing,
+                form,
                 report.synthetic,
-                drawing.alt,
-                form.width,
             )
             for form in FORMATS
         }

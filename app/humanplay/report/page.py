@@ -97,7 +97,7 @@ def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
 
 def _sections(
     report: Report,
-) -> Iterator[tuple[GroupReport, dict[str, PageTable | None], dict[str, str], bool]]:
+) -> Iterator[tuple[GroupReport, dict[str, PageTable | None], dict[str, dict[str, str]], bool]]:
     """Yield each script of a synthetic report, else the people if anybody has begun to play: the
     group, its tables, its charts, and whether the headline prints an interval."""
     for group in report.groups:

@@ -148,7 +148,8 @@ export const words = {
   },
   verdict(mine, theirs, rival, watched) {
     const title = theirs?.outcome ? verdictOf(mine, theirs, rival, watched) : "";
-    return title ? { title, line: `${words.ending(mine).title}.` } : null;
+    const needed = watched === null ? null : stepsToGoal(mine);
+    return title ? { title, line: needed === null ? `${words.ending(mine).title}.` : `${watched} needed ${many(needed, "move")}.` } : null;
   },
   compare(mine, theirs, rival) {
     if (!theirs) return "";

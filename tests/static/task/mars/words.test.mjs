@@ -114,4 +114,5 @@ test("the headline of an end says who did better, a crash and a limit that", () 
   ];
   for (const [mine, theirs, watched, title] of cases) assert.equal(words.verdict(mine, theirs, "Expert", watched)?.title, title);
   assert.equal(words.verdict(end("explored", 85), end("explored", 64), "Expert", null)?.line, "Mapped in 85 moves.");
+  assert.equal(words.verdict(end("explored", 76), end("explored", 64), "Expert", "Nearest")?.line, "Nearest needed 76 moves.");
 });
