@@ -11,6 +11,9 @@ Its 100,000 moves take 215 seconds of one core; the policy then scores 0.399 on 
     marsexplorer evaluate --policy mine.onnx --policy random
     humanplay serve --policy mine.onnx
 
+`--features authors` has the convolutions of Koutras et al. 2021 over the state matrix with an axis of
+channels instead, as `rllib_ppo.py` has them.
+
 `export` serves every actor-critic policy of Stable-Baselines3 and sb3-contrib (PPO, A2C, TRPO,
 MaskablePPO) whose observations are the state matrix float32[rows, cols], whatever its layers.
 """
@@ -57,6 +60,36 @@ class TerrainFeatures(BaseFeaturesExtractor):
         codes = (observation * 3.2).round().long().clamp(0, 3)
         planes = nn.functional.one_hot(codes, 4).permute(0, 3, 1, 2).float()
         return self.linear(self.cnn(planes))
+
+
+class AuthorsFeatures(BaseFeaturesExtractor):
+    """The authors' three convolutions over the state matrix with an axis of channels."""
+
+    def __init__(self, observation_space: gymnasium.Space, features_dim: int = 512) -> None:
+        super().__init__(observation_space, features_dim)
+        rows, cols = (-(-side // 2) for side in observation_space.shape)  # after the first
+        self.cnn = nn.Sequential(
+            nn.Conv2d(1, 8, 3, stride=2, padding=1),
+            nn.ReLU(),
+            nn.ZeroPad2d((0, cols % 2, 0, rows % 2)),
+            nn.Conv2d(8, 16, 2, stride=2),
+            nn.ReLU(),
+            nn.Conv2d(16, features_dim, (-(-rows // 2), -(-cols // 2))),  # 6x6 of 21x21 cells
+            nn.ReLU(),
+            nn.Flatten(),
+        )
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Features float32[batch, features_dim] of float32[batch, rows, cols]."""
+        return self.cnn(observation[:, None])
+
+
+NETWORKS = {
+    "terrain": {"features_extractor_class": TerrainFeatures},
+    "authors": {"features_extractor_class": AuthorsFeatures, "net_arch": []},
+    "flat": {},
+}
+"""Name -> what MaskablePPO calls `policy_kwargs`."""
 
 
 class Scores(nn.Module):
@@ -113,20 +146,17 @@ def main() -> None:
     parser.add_argument("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2")
     parser.add_argument("--size", type=int, default=21, help="cells a side")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--features", choices=["terrain", "flat"], default="terrain")
+    parser.add_argument("--features", choices=[*NETWORKS], default="terrain")
     parser.add_argument("--out", type=Path, default=Path("mine.onnx"), help="file to write")
     options = parser.parse_args()
 
     env = make_env(options.level, options.size)
-    features = (
-        {"features_extractor_class": TerrainFeatures} if options.features == "terrain" else {}
-    )
     model = MaskablePPO(
         "MlpPolicy",
         env,
         n_steps=1024,
         batch_size=256,
-        policy_kwargs=features,
+        policy_kwargs=NETWORKS[options.features],
         seed=options.seed,
         device="cpu",
     )

@@ -56,12 +56,11 @@ PREDICT = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
 from pathlib import Path
-from sb3_maskable_ppo import TerrainFeatures, export, make_env
+from sb3_maskable_ppo import NETWORKS, export, make_env
 import torch
 from sb3_contrib import MaskablePPO
-features = {"features_extractor_class": TerrainFeatures} if sys.argv[3] == "terrain" else {}
 env, kept = make_env("random", 8), []
-model = MaskablePPO("MlpPolicy", env, n_steps=64, batch_size=64, policy_kwargs=features, seed=1, device="cpu")
+model = MaskablePPO("MlpPolicy", env, n_steps=64, batch_size=64, policy_kwargs=NETWORKS[sys.argv[3]], seed=1, device="cpu")
 model.learn(256)
 export(model.policy, Path(sys.argv[2]))
 for seed in range(3):
@@ -81,7 +80,7 @@ print(json.dumps(kept))
 """
 
 
-@pytest.mark.parametrize("features", ["terrain", "flat"])
+@pytest.mark.parametrize("features", ["terrain", "authors", "flat"])
 def test_an_exported_maskable_ppo_plays_here_as_it_does_there(features, tmp_path):
     out = tmp_path / "mine.onnx"
     there = json.loads(
