@@ -1,7 +1,8 @@
-"""Draw the paths of the authors' three videos beside those of trained policies."""
+"""Draw the paths of the authors' videos beside those of trained policies, and a curve."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,15 @@ from research.difference.answers import DATA, read_stored
 from research.difference.design import Training
 from research.paper.figures.drawing import LINE_COLOUR, SAND, new_figure, plain, save
 from research.paper.jobs import read_lines
+from research.paper.tables import per_cent
 
 VIDEOS = DATA.parent / "videos.jsonl"
 """What the frames of the three videos show: the blocked cells, and the rover's cells one after
 the other.
 """
-NAME = "paths"
+CURVE = DATA.with_name("cleanrl.csv")
+"""Of one training by `examples/cleanrl_ppo.py --preset videos`."""
+NAME, CURVE_NAME = "paths", "cleanrl"
 COLOURS = ("#0072B2", "#D55E00", "#009E73")
 SIDE, EPISODES = 21, 3
 PANELS = (
@@ -61,6 +65,21 @@ def draw(folder: Path) -> Path:
         videos = [[line["path"]] for line in read_lines(VIDEOS)]
         draw_panel(panel, title, videos if kind is None else paths_of(kind))
     return save(figure, folder / f"{NAME}.svg")
+
+
+def draw_curve(folder: Path) -> Path:
+    """Draw the curve of CleanRL's loop on the level of the videos."""
+    with CURVE.open(newline="") as file:
+        points = [(int(row["moves"]), float(row["coverage"])) for row in csv.DictReader(file)]
+    moves, coverage = zip(*points, strict=True)
+    figure = new_figure(5.2, 2.6)
+    axes = figure.subplots()
+    plain(axes, "coverage of the last 100 episodes")
+    axes.plot([count / 1000 for count in moves], coverage, color=COLOURS[0])
+    axes.set_xlabel("moves, thousands")
+    axes.set_ylim(0, 1)
+    axes.yaxis.set_major_formatter(lambda share, _: per_cent(share))
+    return save(figure, folder / f"{CURVE_NAME}.svg")
 
 
 def draw_panel(axes: Axes, title: str, groups: Sequence[Sequence[Path2D]]) -> None:

@@ -11,7 +11,7 @@ from marsexplorer.compat import make
 from marsexplorer.compat.env import KoutrasCodeVector
 from marsexplorer.evaluation import RULES
 from marsexplorer.training.envs import EVALUATION_SEEDS
-from research.difference import held_out
+from research.difference import held_out, picture
 from research.difference.__main__ import main
 from research.difference.answers import (
     RULE_RESULTS,
@@ -26,7 +26,7 @@ from research.difference.answers import (
 )
 from research.difference.code_envs import CodeEnvs
 from research.difference.design import Training, combinations, full_passes, random_level
-from research.difference.picture import PANELS, VIDEOS, draw
+from research.difference.picture import CURVE, PANELS, VIDEOS, draw, draw_curve
 from research.paper.jobs import read_lines
 from research.paper.tables import Estimate
 
@@ -199,6 +199,14 @@ def test_the_paths_of_the_videos_are_played_in_the_codes_world():
         assert 0.947 < info["coverage"] < 0.955
         assert env.step(3)[2:] == (True, False, {**info, "outcome": "out_of_bounds"})
         assert terrain.sum() == 9
+
+
+def test_the_curve_of_cleanrls_loop_is_drawn_from_what_is_stored(tmp_path, monkeypatch):
+    drawn = draw_curve(tmp_path).read_text()
+    shorter = tmp_path / "curve.csv"
+    shorter.write_text("".join(CURVE.read_text().splitlines(keepends=True)[:9]))
+    monkeypatch.setattr(picture, "CURVE", shorter)
+    assert draw_curve(tmp_path).read_text() != drawn
 
 
 def test_the_picture_shows_four_panels(tmp_path):

@@ -40,6 +40,9 @@ SHOWN = {
     "difference": {
         "paths": "the paths of the authors' videos, of PPO in their world, and of PPO in the text's",
     },
+    "cleanrl": {
+        "cleanrl": "coverage of CleanRL's loop on the level of the authors' videos, against moves",
+    },
     "figure4": {
         "figure4-moves": "score, coverage and completion of the four algorithms against moves",
         "figure4-cpu": "the same against CPU minutes",
@@ -82,6 +85,7 @@ def draw_pictures(target: Path, source: Path = FOLDER) -> list[Path]:
             with suppress(FileNotFoundError):  # no results of the figure
                 figure.draw(source, scratch)
         picture.draw(scratch)
+        picture.draw_curve(scratch)
         names = (name for pictures in SHOWN.values() for name in pictures)
         return [
             shutil.copyfile(scratch / f"{name}.svg", target / f"{name}.svg")
