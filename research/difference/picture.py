@@ -1,4 +1,4 @@
-"""Draw the paths of the authors' videos beside those of trained policies, and a curve."""
+"""Draw paths of the authors' videos and of trained policies, and a curve."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def draw_block(name: str, text: str, results: Results) -> str:
 
 
 def summary(text: str, results: Results) -> str:
-    """The findings by their verdict, and how many definitions have which, as Markdown."""
+    """The findings by verdict, and how many definitions have which, as Markdown."""
     findings: dict[str, list[str]] = {verdict: [] for verdict in VERDICTS}
     for match in FINDING.finditer(text):
         name = match["name"]
