@@ -526,6 +526,7 @@ def power(
       humanplay study power pilot --players 30 --difference 20
       humanplay study power main --pilot pilot
     """
+    from humanplay.study.policy_episodes import tested_policies
     from humanplay.study.protocol import parse_protocol
 
     with study_errors():
@@ -540,7 +541,8 @@ def power(
         protocol = parse_protocol(changed)
         protocol = protocol.model_copy(update=_planned(protocol, folder))
     _echo_power(_with_power(protocol))
-    if protocol.policy_difference is not None or protocol.primary_family == "arms":
+    has_difference = protocol.policy_difference is not None and tested_policies(protocol)
+    if has_difference or protocol.primary_family == "arms":
         echo(f"To see more: {'; or '.join(_ways(protocol))}")
 
 

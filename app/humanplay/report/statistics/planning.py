@@ -383,6 +383,8 @@ def power_in_words(protocol: Protocol) -> str:
             f"A policy that is better than people by {difference} is seen in {100 * power.policy_better:.0f} % of studies, "
             f"one that is worse by as much in {100 * power.people_better:.0f} %: the lower share is the power."
         )
+    elif not tested_policies(protocol):
+        sentences.append("No policy is tested against people, so no difference is looked for.")
     else:
         sentences.append(
             f"No difference, however large, is seen in {100 * POSSIBLE_POWER:.0f} % of studies of this size."

@@ -236,6 +236,13 @@ def test_a_study_that_can_see_no_difference_is_told_to_plan_more_of_both(study, 
     assert ": plan more players and more ranked episodes; or freeze with --underpowered" in err
 
 
+def test_a_study_that_compares_no_policy_says_that_none_is_tested(study, tmp_path):
+    study("new", "mine", *SHORT)
+    edit(tmp_path, policies=["random"])
+    _, out, _ = study("power", "mine")
+    assert "No policy is tested against people, so no difference is looked for." in out
+
+
 def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
     path = tmp_path / "declared.json"
     path.write_text(json.dumps({"poplation": "adults"}))
