@@ -21,6 +21,7 @@ from humanplay.report.statistics.study_figures import NO_HUMAN_SCORE, live_figur
 from humanplay.report.tables import group_tables
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
+from humanplay.study.invitations import Invitations
 from humanplay.study.participation import StudyParticipation
 from humanplay.study.protocol import default_protocol
 from humanplay.task.registration import environment_of
@@ -261,7 +262,8 @@ def test_a_deviation_that_the_server_notes_is_a_sentence(tmp_path):
         store = StudyStore(recorder.store)
         folder = Folder(tmp_path / "studies")
         who = store.participant(participant)
-        StudyParticipation(who, folder, store, Sources()).note_script("e" * 32)
+        participation = StudyParticipation(who, folder, store, Sources(), Invitations(folder))
+        participation.note_script("e" * 32)
     with closing(Reader.open(tmp_path / "play.db")) as reader:
         (line, *_) = build(load(reader, frozen.name)).groups[0].deviations[::-1]
     assert re.fullmatch(r"[A-Z][^{}\[\]\"]*\.", line)
