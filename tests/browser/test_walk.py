@@ -125,6 +125,8 @@ class Walker(Participant):
         self.driving()
         self.choose("open-give-up")
         self.choose("give-up-now")
+
+    def passes_the_end(self):
         self.page.get_by_test_id("end-card").wait_for(state="visible")
         self.wait("window.study.state.participant.about.frame.outcome")
         self.page.keyboard.press("Enter")
@@ -263,6 +265,7 @@ def test_eleven_people_and_every_account_of_them_agree(walk, tmp_path, capsys, c
     person = people["quitter"] = come("quitter")
     person.to_what_counts()
     person.gives_up()
+    person.passes_the_end()
     person.to_the_code()
     assert person.code() == "C1DONE"
 
