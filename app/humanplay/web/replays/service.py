@@ -98,21 +98,19 @@ class Replays:
             UnknownReplayError: If the asker may see none.
             ValueError: If the rules that it was played by are gone.
         """
-        episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
-        if not self._plays(task := episode.trial.task):
-            raise UnknownReplayError(f"this server plays no episodes of {task}")
-        return await self._replayer.run(owner, self._replay, episode)
+        return await self._replayer.run(owner, self._replay, await self._shown(episode_id, asker))
 
     async def replay_soon(self, episode_id: str, asker: Asker, owner: str) -> Replay | None:
         """The same as `replay`; None while an environment in a process is played again.
 
         It goes on, whoever asks meanwhile.
         """
+        episode = await self._shown(episode_id, asker)
         if self._task.courses is not None:
-            return await self.replay(episode_id, asker, owner)
+            return await self._replayer.run(owner, self._replay, episode)
         key = episode_id, asker
         if (begun := self._begun.get(key)) is None:
-            begun = asyncio.create_task(self.replay(episode_id, asker, owner))
+            begun = asyncio.create_task(self._replayer.run(owner, self._replay, episode))
             # nobody may ask for it again, and then nobody would take what it raised
             begun.add_done_callback(lambda task: task.cancelled() or task.exception())
             _keep(self._begun, MAX_FILES, key, begun)
@@ -121,6 +119,13 @@ class Replays:
             return None
         self._begun.pop(key, None)
         return begun.result()
+
+    async def _shown(self, episode_id: str, asker: Asker) -> ShownEpisode:
+        """An episode that the asker may see, of a task that is played here."""
+        episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        if not self._plays(task := episode.trial.task):
+            raise UnknownReplayError(f"this server plays no episodes of {task}")
+        return episode
 
     async def ghost(self, episode_id: str, name: str, asker: Asker, owner: str) -> Course:
         """The course of a policy on the terrain of an episode.
