@@ -183,11 +183,11 @@ def plain() -> Agent:
     def moves(seen: np.ndarray, _masks: np.ndarray, starts: np.ndarray) -> np.ndarray:
         newest = np.round(seen * 3.2).clip(0, 3)[:, None]
         again = np.repeat(newest, 4, axis=1)
-        if frames[0] is None or starts.all():
-            frames[0] = again
-        shifted = np.concatenate([frames[0][:, 1:], newest], axis=1)
-        frames[0] = np.where(starts[:, None, None, None], again, shifted).astype(np.float32)
-        return _best(net(torch.as_tensor(frames[0])))
+        before = again if frames[0] is None or starts.all() else frames[0]
+        shifted = np.concatenate([before[:, 1:], newest], axis=1)
+        stack = np.where(starts[:, None, None, None], again, shifted).astype(np.float32)
+        frames[0] = stack
+        return _best(net(torch.as_tensor(stack)))
 
     return Agent(
         net,
