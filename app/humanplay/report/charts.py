@@ -147,7 +147,7 @@ def draw_svg(name: str, drawing: Drawing, form: Format, is_synthetic: bool) -> s
 
 
 def charts(report: Report, group: GroupReport) -> dict[str, dict[str, str]]:
-    """The group's charts: SVG by format, by name; a chart with nothing to show is left out."""
+    """The group's charts as SVG, by name and format; empty ones are left out."""
     drawings = _drawings(report, group)
     return {
         name: {
