@@ -876,9 +876,11 @@ declare namespace Answers {
   };
   /** What leads to a participant's place from another device. */
   type Ticket = {
-    /** what a link to the study's page has after #go= */
-    token: string,
+    /** the page's address, and the place's token after #go= */
+    link: string,
     until_ms: number,
+    /** rows of the link's QR code, a character a module: 1 is dark */
+    qr: string[],
   };
   /** Today's terrain and your attempt at it. */
   type Today = {

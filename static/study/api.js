@@ -56,7 +56,7 @@ export function createStudyApi(name) {
     giveUp: (episode, step) => ask("give-up", { episode, step }),
     settings: (settings, signal) => ask("settings", settings, undefined, { keepalive: true, signal }),
     supervise: (code) => ask("supervise", { code }),
-    elsewhere: () => request(`${path}/elsewhere`, {}),
+    elsewhere: (page) => request(`${path}/elsewhere`, { page }),
     goOn: (brings) => ask("go-on", brings),
     withdraw: (/** @type {boolean} */ erase) => ask("withdraw", { erase }),
     terrain: (index, phase) => request(`${path}/debrief/${index}?phase=${phase}`),

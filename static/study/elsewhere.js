@@ -1,7 +1,6 @@
 // Going on on another device: the dialog with the link, its QR code and the recovery code, and the dialog that takes such a code.
 import { all, by, copyOnClick, createSvg, put } from "../common/page.js";
 import { announce } from "./actions.js";
-import { qrCode } from "./qr.js";
 import { study } from "./store.js";
 import * as words from "./words.js";
 
@@ -14,27 +13,24 @@ async function showLink() {
   put(by("elsewhere-status"), "One moment.");
   by("elsewhere-link").hidden = true;
   try {
-    const { token, until_ms } = await study.elsewhere();
-    const address = new URL(location.href);
-    address.search = "";
-    address.hash = `go=${token}`;
-    link = address.href;
+    const page = new URL(location.href);
+    page.search = page.hash = "";
+    const ticket = await study.elsewhere(page.href);
+    link = ticket.link;
     put(by("elsewhere-address"), link);
-    by("elsewhere-qr").replaceChildren(...picture(link));
+    by("elsewhere-qr").replaceChildren(picture(ticket.qr));
     by("elsewhere-link").hidden = false;
-    put(by("elsewhere-status"), words.linkHolds(until_ms));
+    put(by("elsewhere-status"), words.linkHolds(ticket.until_ms));
   } catch (error) {
     put(by("elsewhere-status"), words.sentence(/** @type {Error} */ (error).message));
   }
 }
-/** @param {string} text @returns {Node[]} its QR code, with the quiet margin that readers need */
-function picture(text) {
-  const rows = qrCode(text);
-  if (!rows) return [];
+/** @param {string[]} rows @returns a QR code, with the quiet margin that readers need */
+function picture(rows) {
   const size = rows.length + 8;
-  const path = rows.flatMap((row, y) => row.map((isDark, x) => (isDark ? `M${x + 4} ${y + 4}h1v1h-1z` : ""))).join("");
-  return [createSvg("svg", { viewBox: `0 0 ${size} ${size}`, role: "img", "aria-label": "QR code of the link" },
-    createSvg("rect", { width: size, height: size, fill: "#fff" }), createSvg("path", { d: path, fill: "#000" }))];
+  const path = rows.flatMap((row, y) => [...row].map((module, x) => (module === "1" ? `M${x + 4} ${y + 4}h1v1h-1z` : ""))).join("");
+  return createSvg("svg", { viewBox: `0 0 ${size} ${size}`, role: "img", "aria-label": "QR code of the link" },
+    createSvg("rect", { width: size, height: size, fill: "#fff" }), createSvg("path", { d: path, fill: "#000" }));
 }
 
 for (const opener of [by("open-elsewhere"), ...all("[data-open=elsewhere]")]) opener.addEventListener("click", showLink);

@@ -45,7 +45,7 @@ declare namespace Study {
     next(): Asked, giveUp(episode: string, step: number): Asked,
     /** The request outlives the page; the signal ends it. */
     settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(erase: boolean): Asked,
-    elsewhere(): Promise<Answers.Ticket>, goOn(brings: {token: string} | {code: string}): Asked,
+    elsewhere(page: string): Promise<Answers.Ticket>, goOn(brings: {token: string} | {code: string}): Asked,
     terrain(index: number, phase: Shown): Promise<Answers.DebriefRuns>, costs(index: number, phase: Shown): Promise<Answers.Costs>,
   };
 }

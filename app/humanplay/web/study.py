@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Annotated, Literal, TypeVar
 
+import segno
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 from pydantic import Field, field_validator, model_validator
 
@@ -148,6 +149,12 @@ class OperatorCode(Message):
     """What the operator typed."""
 
     code: str = Field(max_length=100, examples=["7K3M-XWT5"])
+
+
+class Page(Message):
+    """The address of the study's page, as the participant's browser has it."""
+
+    page: str = Field(max_length=500, examples=["https://play.example.org/study/pilot"])
 
 
 class GoOn(Message):
@@ -537,8 +544,8 @@ async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
 
 
 @router.post("/{name}/elsewhere", response_model=Ticket, summary="Go on on another device")
-async def elsewhere(asks: AskingOf) -> State:
-    """Return the token of a link to the participant's place.
+async def elsewhere(asks: AskingOf, here: Page) -> State:
+    """Return a link to the participant's place, and its QR code.
 
     It holds for 15 minutes, and for one device.
     """
@@ -546,7 +553,9 @@ async def elsewhere(asks: AskingOf) -> State:
         ticket = await asks.progress.lobby.store.read(
             partial(asks.progress.ticket, asks.name, asks.player)
         )
-    return asdict(ticket)
+    link = f"{here.page}#go={ticket.token}"
+    rows = ["".join(map(str, row)) for row in segno.make(link, error="m", micro=False).matrix]
+    return {"link": link, "until_ms": ticket.until_ms, "qr": rows}
 
 
 @router.post("/{name}/go-on", response_model=Participation, summary="Go on here")

@@ -47,7 +47,8 @@ def newcomer(person, client=None):
 
 
 def ticket(person):
-    return person.client.post(f"{person.url}/elsewhere", json={}).json()["token"]
+    answer = person.client.post(f"{person.url}/elsewhere", json={"page": "https://example.org/lab"})
+    return answer.json()["link"].removeprefix("https://example.org/lab#go=")
 
 
 @pytest.mark.parametrize("way", ["link", "code"])
@@ -120,7 +121,7 @@ def test_whoever_has_not_agreed_has_left_or_takes_part_already_moves_nobody(play
     old, study = playing
     guest = Person(old.server)
     assert guest.where["recovery_code"] is None
-    assert "who has agreed" in guest.refused("elsewhere")
+    assert "who has agreed" in guest.refused("elsewhere", {"page": "https://example.org/lab"})
     other = Person(old.server)
     other.to_tutorial()
     assert "as somebody else" in other.refused("go-on", {"token": ticket(old)})

@@ -214,5 +214,6 @@ class Participation(Answer):
 class Ticket(Answer):
     """What leads to a participant's place from another device."""
 
-    token: str = Field(description="what a link to the study's page has after #go=")
+    link: str = Field(description="the page's address, and the place's token after #go=")
     until_ms: int
+    qr: list[str] = Field(description="rows of the link's QR code, a character a module: 1 is dark")
