@@ -66,6 +66,8 @@ RUNS: Mapping[str, Sequence[Mapping[str, str]]] = {name: [{}] for name in CAUSES
 """Variant -> the variables of each of its runs."""
 PROBED = 20
 """Moves by which the examination's time is estimated; each seed has at least so many."""
+SEEDS_APART = 10_000
+"""Between the first episodes of two seeds: the episodes after a first one have the seeds between."""
 STICKY = 0.75
 TIMEOUT_S = 1800.0
 
@@ -74,6 +76,7 @@ TIMEOUT_S = 1800.0
 class Difference:
     """Where a variant first differs from the first run.
 
+    seed   of the episode: what its reset was given
     step   0 is what reset returned
     part   one of PARTS
     cause  the likely one, if further runs told it from the others; else empty
@@ -81,13 +84,12 @@ class Difference:
 
     variant: str
     seed: int
-    episode: int
     step: int
     part: str
     cause: str = ""
 
     def __str__(self) -> str:
-        where = f"seed {self.seed}, episode {self.episode}, step {self.step} ({self.variant})"
+        where = f"seed {self.seed}, step {self.step} ({self.variant})"
         causes = f"usual causes: {CAUSES[self.variant]}"
         return f"{self.part} differs at {where}; {self.cause or causes}"
 
@@ -140,7 +142,7 @@ def examine(
 ) -> Examination:
     """Play the same episodes in ten processes and compare hashes; ValueError for what cannot be made, played or drawn.
 
-    steps     moves for each seed; where an episode ends, another begins on the next seed
+    steps     moves for each seed; where an episode of seed n ends, the next begins on n + 1
     progress  called with (processes done, of how many)
     config    what `GymnasiumEnvironment.configuration` takes
     rule      module:function, which returns an action for an observation; uniform and sticky actions take turns with it
@@ -212,7 +214,7 @@ def _probed(request: Mapping[str, Any], folder: str) -> tuple[float, float]:
 
 def _cause_of(difference: Difference, request: Mapping[str, object], folder: str) -> str:
     """The likely cause of a difference, by what mends it; empty if nothing does."""
-    brief = {**request, "seeds": difference.seed + 1}
+    brief = {**request, "seeds": difference.seed // SEEDS_APART + 1}
 
     def is_mended(**changes: object) -> bool:
         try:
@@ -266,15 +268,15 @@ def _difference(
     variant: str, first: Sequence[Mapping[str, Any]], other: Sequence[Mapping[str, Any]]
 ) -> Difference | None:
     """Return where the episodes of a variant first differ, in the order of the first run."""
-    again = {(each["seed"], each["episode"]): each["hashes"] for each in other}
+    again = {each["seed"]: each["hashes"] for each in other}
     for each in first:
-        theirs = again.get((each["seed"], each["episode"]), [])
+        theirs = again.get(each["seed"], [])
         for step, mine in enumerate(each["hashes"]):
             if step >= len(theirs):
-                return Difference(variant, each["seed"], each["episode"], step, "end")
+                return Difference(variant, each["seed"], step, "end")
             for part, one, two in zip(PARTS, mine, theirs[step], strict=True):
                 if one != two and None not in (one, two):
-                    return Difference(variant, each["seed"], each["episode"], step, part)
+                    return Difference(variant, each["seed"], step, part)
     return None
 
 
@@ -311,22 +313,22 @@ def _child(request: Mapping[str, Any]) -> None:
     for seed in seeds:
         left, episode = request["steps"], 0
         while episode == 0 or left > 0:
-            begun = 10_000 * seed + episode
-            began = time.perf_counter()
-            env = used or make(begun)
+            episode_seed = SEEDS_APART * seed + episode
+            began_s = time.perf_counter()
+            env = used or make(episode_seed)
             codes = ActionCodes(config.level, env.action_space)
-            choose = _chooser(choosers[seed % len(choosers)], begun, codes)
+            choose = _chooser(choosers[seed % len(choosers)], episode_seed, codes)
             renders = variant != "without rendering"
             if variant == GLOBALS:
-                random.seed(begun)
-                np.random.seed(begun)  # what an environment may draw from
+                random.seed(episode_seed)
+                np.random.seed(episode_seed)  # what an environment may draw from
             is_first = variant == FIRST
-            played = _episode(env, codes, begun, choose, left, renders, described, is_first)
+            played = _episode(env, codes, episode_seed, choose, left, renders, described, is_first)
             if used is None:
                 env.close()
             moves_s = played.pop("moves_s")
-            played["seconds"] = time.perf_counter() - began - moves_s, moves_s
-            print(MARK + json.dumps({"seed": seed, "episode": episode, **played}), flush=True)
+            played["seconds"] = time.perf_counter() - began_s - moves_s, moves_s
+            print(MARK + json.dumps({"seed": episode_seed, **played}), flush=True)
             left, episode = left - max(1, len(played["hashes"]) - 1), episode + 1
 
 
