@@ -207,12 +207,13 @@ def in_short(records: Records) -> str:
         ", ".join(f"{100 * share:.1f}" for share in results_of(full, name)) + "\N{NO-BREAK SPACE}%"
         for name in ("clean_u", "explored", "out_of_bounds")
     )
+    swept = low_to_high(results_of(full, "coverage"), per_cent)
     makers = sum(share > MAJORITY for share in results_of(full, "clean_u"))
     sentences = (
-        f"On terrains kept apart, of the level of the videos, PPO by the letter in light passes covers "
-        f"{covered['text']} of the text's world and completes {completed} of its terrains; of the code's it covers "
-        f"{covered['code']}. With the code's discount and lambda and as many gradient steps as the authors' it "
-        f"covers {low_to_high(results_of(full, 'coverage'), per_cent)} of the code's. A U without going back, as in the "
+        f"On terrains kept apart, of the level of the videos, PPO by the letter, with 48 gradient steps an "
+        f"update where the authors' code makes 960, covers {covered['text']} of the text's world and completes "
+        f"{completed} of its terrains; of the code's it covers {covered['code']}. With the code's discount and lambda "
+        f"and 960 gradient steps an update it covers {swept} of the code's. A U without going back, as in the "
         f"videos, is what most episodes of {makers} of these {len(full)} seeds make. By seed, {with_u} make one, "
         f"{explored} complete the terrain and {left} leave the grid."
     )

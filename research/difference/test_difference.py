@@ -126,8 +126,10 @@ def test_the_words_follow_from_the_trainings():
 
     sweeping = words(0.9, 0.6, 0.8)
     assert "On terrains kept apart" in sweeping
-    assert "light passes covers 40 % of the text's world and completes 0 %" in sweeping
-    assert "as the authors' it covers 96 % of the code's" in sweeping, "not the training's 0.95"
+    assert "makes 960, covers 40 % of the text's world and completes 0 %" in sweeping
+    assert "960 gradient steps an update it covers 96 % of the code's" in sweeping, (
+        "not the training's 0.95"
+    )
     assert "of the code's it covers 90 %" in sweeping
     assert "most episodes of 3 of these 3 seeds" in sweeping
     assert (

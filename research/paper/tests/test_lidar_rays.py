@@ -58,5 +58,6 @@ def test_rays_see_the_share_more_that_the_document_says():
         assert scans.added - scans.missed == pytest.approx(scans.rays - scans.exact)
     text = " ".join((ROOT / "docs" / "paper.md").read_text().split())
     assert (
-        "13 % more cells than exact sight: 9.2 others a scan, 7.3 of them beyond the radius" in text
-    )
+        "13 % more cells than exact sight: 9.2 a scan that exact sight does not show, "
+        "7.3 of them beyond the radius"
+    ) in text
