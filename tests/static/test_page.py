@@ -379,7 +379,7 @@ def test_the_page_and_the_server_name_the_same_messages():
     assert sorted(listed("FROM_SERVER")) == sorted(named)
     about = (ROOT / "tests/static/task/mars/about.mjs").read_text()
     assert re.findall(r'"(\w+)"', part(r"actions: \[(.*?)\]", about)) == list(ACTIONS)
-    assert get_args(mars.Outcome) == OUTCOMES[1:]
+    assert get_args(mars.EpisodeOutcome) == OUTCOMES[1:]
     asked = (messages.HistoryRequest, messages.Events)
     sent = [
         messages.Act.model_fields["kind"].default,
