@@ -330,7 +330,8 @@ def open_database(path: Path, durable: bool = False) -> Database:
     except sqlite3.Error as error:
         raise StoreError(f"cannot open the database {path}: {error}") from error
     try:
-        if path.stat().st_size == 0:
+        is_new = path.stat().st_size == 0
+        if is_new:
             conn.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         _check_schema(conn, path, may_be_new=True)
         conn.execute("PRAGMA journal_mode = WAL")
@@ -340,6 +341,9 @@ def open_database(path: Path, durable: bool = False) -> Database:
         with transaction(conn):
             conn.execute("SELECT count(*) FROM meta")
         delete_marked(conn, path)
+        # a new file must be known as ours even if its log is lost: then commits are missing, not the database
+        if is_new:
+            conn.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         return Database(conn)
     except BaseException as error:
         conn.close()

@@ -582,7 +582,6 @@ class Store(Reader):
             with transaction(self._conn):
                 self._conn.execute(sql, [RUNS])
                 self._conn.execute(COUNT_COMMIT).fetchone()
-            # in the file itself: it must say so, and be known as ours, even if its log is lost
             self._conn.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
 
     def start_threads(self) -> None:

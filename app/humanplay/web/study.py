@@ -562,7 +562,8 @@ async def elsewhere(asks: AskingOf, here: Page) -> State:
 async def go_on_here(asks: AskingOf, response: Response, brings: GoOn) -> State:
     """Go on here, by a link's token or a recovery code; the device before stops.
 
-    Terrains, order and arm stay the same. After ten wrong codes for a place none is looked at.
+    What is played, in which order, and the arm stay the same. After ten wrong codes for a place none is
+    looked at.
     """
     progress = asks.progress
     player_id = asks.player or progress.lobby.sources.player_id()
