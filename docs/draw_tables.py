@@ -114,7 +114,7 @@ def commands(group: Commands, program: str) -> str:
     """A section for each command: its usage, what it does, and its options."""
     sections = []
     for path, command in commands_of(group, program):
-        context = click.Context(command, info_name=path)
+        context = click.Context(command, info_name=path, show_default=True)
         usage = " ".join(command.collect_usage_pieces(context))
         rows = []
         for parameter in command.get_params(context):

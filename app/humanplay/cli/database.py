@@ -37,7 +37,7 @@ SERVERS = "The database that the server records in, if it is not the default one
 @database_option("The database to read; a running server may go on writing.")
 @path_option("--out", "Folder for episodes.csv and steps.csv; made when absent.", required=True)
 @option(
-    "--who", type=click.Choice(["all", "human"]), default="all", help="human: the counted ones.",
+    "--who", type=click.Choice(["all", "human"]), default="all", help="human: only people's episodes that count.",
 )  # fmt: skip
 @flag("--parquet", "Write episodes.parquet and steps.parquet beside them too.")
 @option(

@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 @click.command(short_help="Play and watch in a browser; record every move.")
 @option("--host", help="Address to listen on; 0.0.0.0 lets others in.  [default: 127.0.0.1]")
 @option("--port", type=PORT, help="Port to listen on; 0 takes a free one.  [default: 8000]")
-@path_option("--database", "SQLite file to record in; made if absent.  [default: below]")
+@path_option(
+    "--database",
+    "SQLite file to record in; made if absent.  [default: data/playground.db in a checkout, else ./playground.db]",
+)
 @several(
     "--env",
     "envs",
@@ -58,7 +61,11 @@ if TYPE_CHECKING:
 @flag("--accept-loss", "Start although commits are missing, or may be.", default=None)
 @option("--backup-every", type=float, metavar="MINUTES", help="Make a verified backup this often.")
 @path_option("--backup-to", "Keep them there.  [default: backups beside it]", metavar="DIR")
-@flag("--admin", "Open the operator's page /admin; its password is printed.", default=None)
+@flag(
+    "--admin",
+    "Open the operator's page /admin; prints a password if the environment has none.",
+    default=None,
+)
 @option(
     "--metrics-port",
     type=PORT,

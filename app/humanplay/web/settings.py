@@ -133,7 +133,7 @@ class Limits(BaseModel):
     """Messages over one websocket; beyond, they wait, and after 100 unanswered ones it is closed
     with 1008."""
     body_s: float = Field(default=60.0, gt=0)
-    """Seconds in which the body of a request has come; beyond, 408."""
+    """Seconds within which the whole body of a request must come; beyond, 408."""
     answer_s: float = Field(default=20.0, gt=0)
     """Seconds in which a client takes what is sent to it; beyond, it is disconnected."""
     requests_per_address: Bucket = "8000+500/s"
@@ -156,8 +156,8 @@ class Limits(BaseModel):
     decision_s: float = Field(default=10.0, gt=0)
     """Seconds that one decision of a policy may take; beyond, its board is paused."""
     unplayed_h: float = Field(default=24.0, gt=0)
-    """Hours after which an abandoned board of no study is deleted, or closed if something was done
-    on it."""
+    """Hours after which an abandoned board outside studies is deleted, or closed if something was
+    done on it."""
     stored_address_percent: float = Field(default=0.5, gt=0)
     """Percent of the disk that is charged to one address on a day (UTC), but for studies. An
     episode counts the most that it can store while it is open, and then what it has stored."""
@@ -217,7 +217,7 @@ class Settings(Place):
     """One other site whose pages may show ours in a frame, like https://survey.example; by default
     none may. A link is better: see the guide on studies."""
     cell_m: float | None = Field(default=None, gt=0)
-    """The side of their cells in metres; by default the task's own."""
+    """The side of a map's cells in metres; by default the largest that fit."""
     confined: bool = True
     """False lets environments and policies do what you may, in your folders and your network, as
     `humanplay play` does."""
@@ -231,7 +231,8 @@ class Settings(Place):
     """True opens the operator's page `/admin`; with a password in the environment it is open
     anyway."""
     admin_password: SecretStr | None = None
-    """The operator's password; if there is none, one is drawn and printed."""
+    """The operator's password, which opens `/admin`, at least 8 characters. With `HUMANPLAY_ADMIN`
+    and no password one is drawn and printed."""
     metrics_port: int | None = Field(default=None, ge=0, le=65535)
     """A port of its own that serves metrics to Prometheus; 0 takes a free one. By default there is
     none."""

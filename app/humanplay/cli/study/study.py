@@ -66,9 +66,9 @@ def study() -> None:
     "--env",
     "task",
     metavar="ENV",
-    help="Another environment, as serve has it, which needs --env too.  [default: MarsExplorer]",
+    help="Another environment, written as for serve; the server needs the same --env.  [default: MarsExplorer]",
 )
-@option("--level", help="random, or t-m-b from 1-1-1 to 3-2-2.  [default: random]")
+@option("--level", help="random, t-m-b from 1-1-1 to 3-2-2, building or cave.  [default: random]")
 @option("--size", type=SizeType(), help="21 for a square, 42x84 for rows x columns.  [default: 21]")
 @option("--warm-up", default=15, help="Episodes that do not count, before the others.")
 @option("--ranked", default=30, help="Episodes that count.")
