@@ -338,9 +338,7 @@ def _check_erased(conn: sqlite3.Connection, study: str) -> None:
     if asking:
         number = counted(len(asking), "participant")
         commands = ", ".join(f"`humanplay forget {label}`" for label in asking)
-        raise ReleaseError(
-            f"{number} of {study!r} asked to be erased: stop the server and run {commands} first"
-        )
+        raise ReleaseError(f"{number} of {study!r} asked to be erased: run {commands} first")
 
 
 def _protocol(study: str, text: str) -> Protocol:
