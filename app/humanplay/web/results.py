@@ -65,7 +65,7 @@ def _database_now(request: Request) -> tuple[Path, int]:
     response_model=HumanLevel,
     response_model_exclude_unset=True,
     tags=["results"],
-    summary="How well this playground's volunteers play",
+    summary="How well this playground's volunteers play: no human level",
 )
 def get_human_level(request: Request) -> Figures:
     """Return one figure per configuration, from ranked episodes.
