@@ -17,9 +17,15 @@ export function missingText({ round }, period, { terrains, missing }) {
   return `You have ${many(terrains, `ranked ${round}`)}${when}: ${missing} more, and you stand here.`;
 }
 
-/** @param {Pick<Task, "round" | "nameOf" | "expert">} task @param {number} comparing
+/** @param {Pick<Task, "round" | "nameOf" | "expert">} task @param {number} comparing @param {boolean} hasFigures in the table
  * @returns {string} "" where the expert has played all */
-export const comparingText = ({ round, nameOf, expert }, comparing) => (comparing ? `${nameOf(expert ?? "")} plays ${many(comparing, `more ${round}`)} to compare. The figures follow.` : "");
+export function comparingText({ round, nameOf, expert }, comparing, hasFigures) {
+  if (!comparing) return "";
+  return `${nameOf(expert ?? "")} plays ${many(comparing, `more ${round}`)} to compare.${hasFigures ? " The figures follow." : ""}`;
+}
+
+/** @param {Pick<Task, "round">} task @param {number} fewest @returns what fills a table while the expert plays */
+export const fillingText = ({ round }, fewest) => `Play ${many(fewest, `ranked ${round}`)}, and you have a place here.`;
 
 /** Places that are in sight with the head of the table. */
 const NEAR = 8;
@@ -40,9 +46,10 @@ export function paintPeople(table, own, task, period, answer) {
   const { people, you, comparing, ranked } = answer;
   const rows = people.map((person) => row(person.place, person.name ?? (person.you ? "You" : "Somebody"), person.you, person));
   const play = create("a", "Play ranked", { class: "go", href: "./?mode=ranked" });
-  const empty = create("tr", [create("td", [create("p", emptyText(task, period, answer)), create("p", [play], { class: "buttons" })], { class: "empty", colspan: "5" })]);
   // while the expert plays, nobody can say who has how many
-  table.tBodies[0].replaceChildren(...(rows.length || comparing ? rows : [empty]));
+  const filling = comparing ? fillingText(task, answer.fewest) : emptyText(task, period, answer);
+  const empty = create("tr", [create("td", [create("p", filling), create("p", [play], { class: "buttons" })], { class: "empty", colspan: "5" })]);
+  table.tBodies[0].replaceChildren(...(rows.length ? rows : [empty]));
   const foot = /** @type {HTMLTableSectionElement} */ (table.tFoot);
   if (you?.place && you.place > NEAR && you.behind !== null && you.worse !== null) {
     const { behind, worse, terrains, place } = you;
@@ -50,5 +57,5 @@ export function paintPeople(table, own, task, period, answer) {
   } else if (you && !you.place && rows.length && !comparing) foot.replaceChildren(create("tr", [create("td", missingText(task, period, you), { colspan: "5" })]));
   else foot.replaceChildren();
   const choose = create("a", "Choose a name to stand here by it", { href: "me#name" });
-  own.replaceChildren(...(you?.name ? [] : [choose, ". "]), comparingText(task, comparing));
+  own.replaceChildren(...(you?.name ? [] : [choose, ". "]), comparingText(task, comparing, rows.length > 0));
 }

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
-import { comparingText, emptyText, missingText } from "../../../static/leaderboard/people.js";
+import { comparingText, emptyText, fillingText, missingText } from "../../../static/leaderboard/people.js";
 
 const task = taskOf(MARS);
 
@@ -11,6 +11,8 @@ test("what is empty says what fills it, and how far somebody is from a place", (
   assert.match(emptyText(task, "all", { fewest: 5, you: { terrains: 4, missing: 1 } }), /^Nobody .* yet\. Play ranked: 1 terrain more,/);
   assert.equal(missingText(task, "all", { terrains: 1, missing: 4 }), "You have 1 ranked terrain: 4 more, and you stand here.");
   assert.equal(missingText(task, "week", { terrains: 0, missing: 5 }), "You have 0 ranked terrains in the last seven days: 5 more, and you stand here.");
-  assert.equal(comparingText(task, 1), "Expert plays 1 more terrain to compare. The figures follow.");
-  assert.equal(comparingText(task, 0), "");
+  assert.equal(comparingText(task, 1, true), "Expert plays 1 more terrain to compare. The figures follow.");
+  assert.equal(comparingText(task, 32, false), "Expert plays 32 more terrains to compare.");
+  assert.equal(comparingText(task, 0, true), "");
+  assert.equal(fillingText(task, 5), "Play 5 ranked terrains, and you have a place here.");
 });
