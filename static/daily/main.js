@@ -10,7 +10,7 @@ import { loadTask, paintNumbers, promptText, showTask } from "../common/task.js"
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
 import { capital, many } from "../common/words.js";
-import { bestRows, dayText, pastText, peopleText, policyRows, rankText, resultText, shareText, streakText, untilText, whoText } from "./words.js";
+import { bestRows, dayText, pastText, peopleText, policyRows, rankText, resultText, shareText, shownRows, streakText, untilText, whoText } from "./words.js";
 
 let state = initialState();
 /** @type {Answers.Today | null} */
@@ -47,7 +47,6 @@ const { moves, telemetry, clock, keys } = startInput({
   send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
   driven: () => (isDriven(state) ? state.player?.frame ?? null : null),
 });
-put(by("prompt-text"), promptText(matchMedia("(pointer: coarse)").matches, task.keys, keys()));
 const connections = startBoards({
   moves, telemetry, dispatch, isLost: () => state.link === "lost" && state.mode !== "spectator",
   async beforeRetry(_, session) {
@@ -72,6 +71,7 @@ function paint() {
   root.dataset.outcome = frame.outcome ?? "running";
   document.body.dataset.ended = String(Boolean(frame.outcome));
   document.body.dataset.state = frame.outcome ? "ended" : frame.step ? "running" : "fresh";
+  put(by("prompt-text"), promptText(matchMedia("(pointer: coarse)").matches, task.keys, keys()));
   by("prompt").hidden = task.clock !== null || frame.step > 0 || Boolean(frame.outcome);
   views?.placeMap(panel, board);
   views?.load(panel, board.session || null);
@@ -159,7 +159,7 @@ function row(who, what, kind, episode) {
 }
 
 /** @param {Daily.PolicyRow[]} rows */
-const policyItems = (rows) => rows.map(({ name, text }) => row(name, text, "policy"));
+const policyItems = (rows) => shownRows(rows).map(({ name, text }) => row(name, text, "policy"));
 
 /** @param {Answers.CalendarDay[]} past the oldest first */
 function paintCalendar(past) {

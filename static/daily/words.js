@@ -69,6 +69,9 @@ export function shareText(task, day, attempt, policies, link, progress = [], day
   return `${task.title} daily ${day}: ${resultText(task, attempt)}${compared}\n${line && `${line}\n`}${link}`;
 }
 
+/** What is said of a policy whose run has not come yet. */
+const PLAYING = "still playing";
+
 /** Return the policies of the day as the page lists them: what each came to, and whether it is ready and took more moves.
  * @param {Task} task @param {Answers.PolicyOfDay[]} policies @param {number | null} moves of the player, null without a success
  * @returns {Daily.PolicyRow[]} */
@@ -76,6 +79,14 @@ export const policyRows = (task, policies, moves) => policies.map((policy) => ({
   name: task.nameOf(policy.name), text: policyText(task, policy), isReady: policy.state === "ready",
   isBeaten: policy.state === "ready" && moves !== null && (policy.moves === null || policy.moves > moves),
 }));
+
+/** Return the rows as they are shown: those that are still played share one.
+ * @param {Daily.PolicyRow[]} rows @returns {Pick<Daily.PolicyRow, "name" | "text">[]} */
+export function shownRows(rows) {
+  const open = rows.filter(({ text }) => text === PLAYING);
+  if (open.length < 2) return rows;
+  return [...rows.filter(({ text }) => text !== PLAYING), { name: many(open.length, "policy", "policies"), text: PLAYING }];
+}
 
 /** Return where a player stands among the people of the day and the policies that are listed.
  * @param {Answers.Attempt} attempt @param {Answers.PeopleOfDay} people @param {Daily.PolicyRow[]} rows */
@@ -122,7 +133,7 @@ export const whoText = ({ rank, people, you }) => {
 
 /** @param {Task} task @param {Answers.PolicyOfDay} policy @returns what a policy did */
 export function policyText(task, { state, moves, coverage }) {
-  if (state !== "ready") return state === "failed" ? "not available" : "still playing";
+  if (state !== "ready") return state === "failed" ? "not available" : PLAYING;
   if (moves !== null) return many(moves, "move");
   const share = coverage === null ? null : task.shareText?.(coverage);
   return share ? `stopped with ${share}` : `did not reach ${task.target}`;

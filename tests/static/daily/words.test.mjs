@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
 import { MARS } from "../task/mars/about.mjs";
-import { bestRows, countdown, dayText, peopleText, policyRows, policyText, rankText, resultText, shareText, streakText, pillText, whoText } from "../../../static/daily/words.js";
+import { bestRows, countdown, dayText, peopleText, policyRows, policyText, rankText, resultText, shareText, shownRows, streakText, pillText, whoText } from "../../../static/daily/words.js";
 
 const task = taskOf(MARS);
 const explored = { state: "ended", episode: "e1", outcome: "explored", moves: 87, coverage: 0.9932, score: 0.9, unranked: null };
@@ -55,6 +55,12 @@ test("the rank names people and policies, or says why there is none", () => {
   assert.equal(rankText(explored, people({ ...mine, rank: 1 }, 1), rowsOf({ ...ppo, moves: 90 })), "You are the first person today, and better than the one policy.");
   assert.equal(rankText(explored, people(mine), rowsOf({ ...ppo, state: "waiting", moves: null })), "Rank 2 of 3 people today.");
   assert.match(rankText({ ...explored, unranked: "a move was a script's" }, people(null), rowsOf(ppo)), /no rank: a move was a script's/);
+});
+
+test("policies that still play share one row", () => {
+  const rowsOf = (...states) => shownRows(policyRows(task, states.map((state) => ({ ...ppo, state })), 87)).map(({ name, text }) => `${name}: ${text}`);
+  assert.deepEqual(rowsOf("waiting", "ready", "computing", "waiting"), ["Expert: 75 moves", "3 policies: still playing"]);
+  assert.deepEqual(rowsOf("ready", "waiting"), ["Expert: 75 moves", "Expert: still playing"]);
 });
 
 test("times, days, streaks and counts are said as people say them", () => {
