@@ -148,8 +148,8 @@ export const words = {
   },
   verdict(mine, theirs, rival, watched) {
     const title = theirs?.outcome ? verdictOf(mine, theirs, rival, watched) : "";
-    const needed = watched === null ? null : stepsToGoal(mine);
-    return title ? { title, line: needed === null ? `${words.ending(mine).title}.` : `${watched} needed ${many(needed, "move")}.` } : null;
+    const needed = stepsToGoal(mine);
+    return title ? { title, line: needed === null ? `${words.ending(mine).title}.` : `${watched ?? "You"} needed ${many(needed, "move")}.` } : null;
   },
   compare(mine, theirs, rival) {
     if (!theirs) return "";
@@ -186,7 +186,7 @@ export const words = {
     return gain || line ? { id, gain, line } : null;
   },
   coach({ step, coverage }, keyOf, wanted) {
-    if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keyOf("east")} or ${keyOf("south")} to drive one cell.`];
+    if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Drive one cell with ${keyOf("east")} or ${keyOf("south")}.`];
     if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Plain cells are still unknown, brown ones are free ground."];
     if (step < 9) return ["Keep clear of rocks and edges", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain."];
     if (coverage < 0.5) return ["Look for what is unknown", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];

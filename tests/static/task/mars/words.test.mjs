@@ -20,9 +20,11 @@ test("a screen reader hears tenths without a score, the end with it, and new ter
 
 test("below the goal stands what a ranked episode costs, and what follows it", () => {
   const state = { mode: "ranked", counts: true, player: {}, task: { ...words, nameOf: policyName } };
-  assert.match(standing(state, "ppo"), /^This ranked episode counts .* abandoned\. After the end, Expert plays the same terrain/);
-  assert.match(standing({ ...state, counts: false }, ""), /does not count: .* a script has moved\.$/);
-  assert.match(standing({ ...state, mode: "practice" }, "ppo"), /Rocks and the edge/);
+  const text = (...given) => standing(...given).join("");
+  assert.match(text(state, "ppo"), /^This ranked episode counts .* abandoned\. After the end, Expert plays the same terrain/);
+  assert.match(standing(state, "ppo")[0], /^This ranked episode counts from your first move on, however it ends\.$/, "what a phone shows");
+  assert.match(text({ ...state, counts: false }, ""), /does not count: .* a script has moved\.$/);
+  assert.match(text({ ...state, mode: "practice" }, "ppo"), /Rocks and the edge/);
 });
 
 test("the policy's board is there for whoever has played before, and in a ranked episode only after its end", () => {
@@ -84,7 +86,7 @@ test("the map in words names runs of cells", () => {
 
 test("the coach speaks from the first move to the last cells", () => {
   const keyOf = (action) => ({ east: "D", south: "S" })[action];
-  assert.match(words.coach(board({ step: 0 }), keyOf, "99 %")[1], /Press D or S/);
+  assert.match(words.coach(board({ step: 0 }), keyOf, "99 %")[1], /with D or S/);
   assert.notDeepEqual(words.coach(board({ step: 20, coverage: 0.4 }), keyOf, "99 %"), words.coach(board({ step: 20, coverage: 0.95 }), keyOf, "99 %"));
   assert.match(words.coach(board({ step: 20, coverage: 0.95 }), keyOf, "96.5 %")[1], /done at 96.5 %/);
 });
@@ -113,6 +115,6 @@ test("the headline of an end says who did better, a crash and a limit that", () 
     [end("collided", 3), end("timed_out", 441), "Nearest", "Neither mapped 99 %"],
   ];
   for (const [mine, theirs, watched, title] of cases) assert.equal(words.verdict(mine, theirs, "Expert", watched)?.title, title);
-  assert.equal(words.verdict(end("explored", 85), end("explored", 64), "Expert", null)?.line, "Mapped in 85 moves.");
+  assert.equal(words.verdict(end("explored", 85), end("explored", 64), "Expert", null)?.line, "You needed 85 moves.");
   assert.equal(words.verdict(end("explored", 76), end("explored", 64), "Expert", "Nearest")?.line, "Nearest needed 76 moves.");
 });
