@@ -1,4 +1,4 @@
-// The puzzles of the day: a position, one first move to choose, and what it saves. The only module of this page that knows all the others.
+// The puzzles of the day: a position, its next move to choose, and what it saves. The only module of this page that knows all the others.
 import { request } from "../common/api.js";
 import { codesOf, ownsKeys, actionOf } from "../common/keyboard.js";
 import { chosenKeys } from "../common/keymap.js";
