@@ -49,6 +49,12 @@ function inWords() {
   return `Move ${player.step} of ${player.playback.last}: ${shares.join(", ")}`;
 }
 
+/** @param {string} name of a policy @param {unknown} error @returns what to say of a run that did not come */
+function failedText(name, error) {
+  if (!(error instanceof ApiError)) return `Something went wrong on this page: ${error}`;
+  return error.status === 503 ? `${name} did not finish this ${task.round} in time.` : capital(error.message);
+}
+
 /** @type {Answers.Advice[] | null} what Expert would do before each move of the run: null until it is asked for */
 let expert = null;
 const judge = task.nameOf(task.expert ?? "");
@@ -71,7 +77,7 @@ async function askExpert() {
     expert = costs.expert;
     repaint();
   } catch (error) {
-    if (thinks.checked) sayOfExpert(error instanceof ApiError ? capital(error.message) : `Something went wrong on this page: ${error}`);
+    if (thinks.checked) sayOfExpert(failedText(judge, error));
   }
 }
 /** @param {number} step @returns what Expert thinks there, where it is to be shown */
@@ -127,6 +133,16 @@ function showGhost(course) {
   put(by("compared"), course ? `${task.nameOf(course.name)} ${course.sentence} on the same ${task.round}.` : "");
   player.show(withLast(player.playback, Math.max(data.run.actions.length, course ? course.actions.length : 0)));
 }
+/** Say that a policy's run did not come, also where its board is not on the screen, and offer it again.
+ * @param {string} name @param {unknown} error */
+function showFailure(name, error) {
+  const text = failedText(task.nameOf(name), error);
+  const again = create("button", "Try again", { type: "button", class: "quiet", "data-testid": "try-again" });
+  again.addEventListener("click", () => choose(name));
+  by("waiting").replaceChildren(create("span", text), again);
+  put(by("compared"), text);
+  if (thinks?.checked && !expert) sayOfExpert(""); // it would say beside this that the policy plays on
+}
 /** @param {string | null} name */
 async function choose(name) {
   chosen = name;
@@ -145,7 +161,7 @@ async function choose(name) {
     parts.ghost.canvas.hidden = false;
     showGhost(course);
   } catch (error) {
-    if (chosen === name) put(waiting, error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`);
+    if (chosen === name) showFailure(name, error);
   } finally {
     clearTimeout(late);
   }

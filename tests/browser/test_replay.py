@@ -161,6 +161,25 @@ def test_a_replay_says_that_a_policy_gets_ready_and_shows_it_when_it_has_come(se
     assert me.errors == []
 
 
+def test_a_replay_offers_a_policy_again_that_did_not_come(serve, player, ended):
+    me, tries = player(serve(), NO_3D), []
+    failure = {"detail": "this took longer than 180 s and was ended"}
+
+    def answer(route):
+        tries.append(route)
+        route.fulfill(status=503, json=failure) if len(tries) == 1 else route.continue_()
+
+    me.page.route("**/ghost?*", answer)
+    me.page.goto(f"{me.url}/replay/{ended[0]}")
+    text = "Expert did not finish this terrain in time."
+    me.page.locator("#waiting").get_by_text(text).wait_for()
+    assert me.page.get_by_test_id("compared").inner_text() == text
+    me.page.get_by_test_id("try-again").click()
+    me.wait("window.replay.ghost")
+    me.page.locator("#waiting").wait_for(state="hidden")
+    assert "mapped" in me.page.get_by_test_id("compared").inner_text()
+
+
 def test_a_replay_in_one_file_runs_from_a_disk_without_a_network_and_asks_for_nothing(
     open_browser, tmp_path, ended
 ):
