@@ -227,12 +227,12 @@ function paint() {
   paintBoards(before);
   paintPanels(before);
   parts.views?.paintCamera(state.player?.frame);
-  if (state.player !== before?.player || state.rival !== before?.rival) dueCurves();
   if (state.player && isDriven(state)) paintAllowed(task, state.player.frame);
   clock.paint();
   paintVisit();
   paintBar(state, wish()?.rival ?? "");
   paintEnd();
+  if (state.player !== before?.player || state.rival !== before?.rival) dueCurves(); // once the card has taken its room
   if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
 }
 
@@ -240,7 +240,9 @@ function paintEnd() {
   const frame = state.player?.frame;
   const said = { tried: parts.costs?.triedText() ?? "", own: own.episode === frame?.episode ? own.text : "" };
   const hasJustEnded = card.show(frame, frame?.outcome ? endOf(frame, task, state, said) : {});
-  if (hasJustEnded && !document.querySelector("dialog[open]")) card.part.next.focus({ preventScroll: true });
+  if (!hasJustEnded) return;
+  if (!document.querySelector("dialog[open]")) card.part.next.focus({ preventScroll: true });
+  card.part.next.scrollIntoView({ block: "nearest" });
 }
 
 function paintVisit() {

@@ -1,5 +1,5 @@
 // What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar; and what stands on the end card.
-import { all, by, paintLink, put } from "../common/page.js";
+import { all, by, create, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
 import { within } from "../common/words.js";
 import { challengeHash } from "./address.js";
@@ -107,7 +107,7 @@ export function paintBar(state, rival) {
   put(by("terrain"), state.mode === "challenge" ? `Challenge \u00b7 ${place}` : place);
   paintLink(by("link"), state.link, "live");
   if (task) put(by("goal"), task.goal(player?.frame ?? null));
-  if (task) put(by("standing"), standing(state, rival));
+  if (task) paintStanding(by("standing"), standing(state, rival));
   const named = (/** @type {Board | null} */ board) => (task && board && state.mode === "watch" ? task.nameOf(board.name) : null);
   put(by("tab-player"), named(player) ?? "You");
   const beside = task && state.mode === "challenge" && state.rival ? task.nameOf(state.rival.name) : named(state.rival);
@@ -118,12 +118,18 @@ export function paintBar(state, rival) {
   document.body.dataset.ended = String(Boolean(player?.frame.outcome));
 }
 
-/** @param {GameState} state @param {string} rival @returns what stands below the goal while one board fills the page */
+/** Return what stands below the goal while one board fills the page: what everybody reads, and what a phone leaves out.
+ * @param {GameState} state @param {string} rival @returns {[string, string]} */
 export function standing({ mode, counts, player, task }, rival) {
-  if (mode !== "ranked" || !player) return task?.standing ?? "";
-  const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
-    : `This episode does not count: you have met its ${task?.round} before, or a script has moved.`;
-  return rival ? `${what} After the end, ${task?.nameOf(rival) ?? rival} plays the same ${task?.round} beside you.` : what;
+  if (mode !== "ranked" || !player) return [task?.standing ?? "", ""];
+  const after = rival ? ` After the end, ${task?.nameOf(rival) ?? rival} plays the same ${task?.round} beside you.` : "";
+  if (!counts) return [`This episode does not count: you have met its ${task?.round} before, or a script has moved.`, after];
+  return ["This ranked episode counts from your first move on, however it ends.", ` Leaving it, or a long time without a move, counts as abandoned.${after}`];
+}
+
+/** @param {HTMLElement} place @param {[string, string]} parts of `standing` */
+function paintStanding(place, [first, later]) {
+  if (place.textContent !== first + later) place.replaceChildren(first, create("span", later, { class: "later" }));
 }
 
 /** Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until

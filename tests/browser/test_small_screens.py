@@ -52,7 +52,8 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
     page.goto(f"{small.url}/puzzles")
     small.wait("window.puzzles?.today && document.body.dataset.state === 'ready'")
     top = page.locator(".site").bounding_box()["y"]
-    assert bottom(page.locator(".pad")) <= top
+    for part in ("#question", ".pad"):
+        assert bottom(page.locator(part)) <= top, part
     page.locator(".pad button:enabled").first.click()
     page.get_by_test_id("verdict").wait_for()
     for width, height in ((820, 1180), (390, 844), SMALL):
@@ -60,6 +61,12 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
         foot = page.locator(".site").bounding_box()["y"] if width < 480 else height
         # once the board is drawn anew
         eventually(lambda foot=foot: bottom(page.get_by_test_id("next")) <= foot)
+    for _ in range(2):
+        page.get_by_test_id("next").click()
+        page.locator(".pad button:enabled").first.click()
+        page.get_by_test_id("verdict").wait_for()
+    page.get_by_test_id("done").wait_for()
+    eventually(lambda: bottom(page.locator(".done .buttons")) <= top)
 
 
 def test_on_a_phone_the_prompt_covers_no_cell_of_the_board(small):
@@ -78,6 +85,30 @@ def test_on_a_phone_the_prompt_covers_no_cell_of_the_board(small):
             pad, foot = page.locator(".pad").bounding_box(), page.locator(".site").bounding_box()
             assert bottom(prompt) <= pad["y"], (path, width)
             assert pad["y"] + pad["height"] <= foot["y"], (path, width)
+    assert page.get_by_test_id("standing").is_visible()
+    assert page.get_by_test_id("standing").inner_text() == "One attempt: your first move starts it."
+
+
+def test_before_a_ranked_episode_every_screen_says_that_it_counts(small):
+    page = small.page
+    page.goto(f"{small.url}/?mode=ranked")
+    small.wait("window.playground?.state.counts && window.playground.state.link === 'open'")
+    line = page.get_by_test_id("standing")
+    for width, height in (SMALL, (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        text = "This ranked episode counts from your first move on, however it ends."
+        eventually(lambda text=text: line.inner_text() == text)
+        assert line.is_visible()
+        pad, foot = page.locator(".pad"), page.locator(".site")
+        eventually(lambda p=pad, f=foot: bottom(p) <= f.bounding_box()["y"])
+        mode = page.get_by_test_id("mode-ranked").locator(".short")
+        assert "counts" in mode.evaluate("(part) => getComputedStyle(part, '::after').content")
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+    page.set_viewport_size({"width": 1024, "height": 768})
+    badge = page.get_by_test_id("badge")
+    eventually(lambda: badge.bounding_box()["width"] > 40)
+    assert page.locator(".bar").bounding_box()["height"] < 60, "one row"
+    assert page.evaluate("document.documentElement.scrollWidth") == 1024
 
 
 def test_on_a_small_phone_the_question_stands_over_one_row_of_buttons(small):
@@ -92,6 +123,12 @@ def test_on_a_small_phone_the_question_stands_over_one_row_of_buttons(small):
     ]
     assert len({box["y"] for box in row}) == 1
     assert bottom(page.get_by_test_id("ask")) <= row[0]["y"]
+    foot = page.locator(".site").bounding_box()["y"]
+    eventually(lambda: bottom(page.get_by_test_id("next")) <= foot)
+    late = []
+    page.route("**/costs", lambda route: late.append(route))
+    page.get_by_test_id("ask").click()
+    eventually(lambda: bottom(page.locator("[data-part=costs] progress")) <= foot)
 
 
 def test_a_bar_with_modes_is_one_row_from_1024_pixels_on(small):
@@ -209,6 +246,8 @@ def test_on_a_small_phone_the_coach_of_a_study_is_read_whole(small):
     person.stands("play")
     person.page.get_by_text("You are the bright cell").wait_for()
     assert not person.page.get_by_test_id("coach").evaluate(CUT)
+    heading, dot = (person.page.locator(part).bounding_box() for part in (".heading", "#link"))
+    assert heading["x"] + heading["width"] <= dot["x"]
     assert bottom(person.page.locator(".tools")) <= SMALL[1]
 
 
