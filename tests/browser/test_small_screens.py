@@ -5,7 +5,7 @@ import pytest
 from humanplay.db.store import Store
 from marsexplorer.config import EnvConfig
 from tests.browser.test_study_page import Participant
-from tests.support.browser import AS_A_PERSON, NO_3D
+from tests.support.browser import ANIMATED, AS_A_PERSON, NO_3D
 from tests.support.recorded import play
 from tests.support.servers import eventually
 from tests.support.study import freeze
@@ -118,6 +118,7 @@ def test_on_a_small_phone_the_question_stands_over_one_row_of_buttons(small):
     page.wait_for_timeout(500)  # a press sooner than anybody sees the edge stops before it
     small.hand.press(page.keyboard, "ArrowUp")  # over the edge
     page.get_by_test_id("ask").wait_for()
+    page.evaluate(ANIMATED)
     row = [
         page.get_by_test_id(name).bounding_box() for name in ("same-again", "next", "copy-replay")
     ]
