@@ -16,7 +16,7 @@ AGENTS  := .venv-agents
 # the generator of the API's clients wants an older typer than ours
 CLIENT  := .venv-client
 # extras whose packages are installed by their hashes; PyTorch's, of the others, differ by machine
-HASHED  := mars play study export onnx video docs audit
+HASHED  := mars play study export analysis onnx video docs audit
 PIP     := -m pip --disable-pip-version-check install --progress-bar on
 INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 
@@ -24,7 +24,7 @@ INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help play agents client test test-long cards paper tables test-research check check-types check-rest format docs bench audit requirements sbom dist clean browser
+.PHONY: help play agents client test test-long cards paper tables test-research check check-types check-rest format docs texts bench audit requirements sbom dist clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -50,6 +50,9 @@ cards: $(DEV) ## play every episode that the cards of shipped policies list, mov
 
 tables: $(DEV) ## draw the documents' tables, and the page's types of what is answered, again from the code
 	$(BIN)/python docs/draw_tables.py
+
+texts: $(DEV) ## draw the catalogues of what participants read again from the code, and compile the translations
+	$(BIN)/python docs/draw_catalogues.py
 
 paper: $(RESEARCH)/.done ## what the paper's four algorithms need, in an environment of its own; then draw docs/paper.md again
 	$(RESEARCH)/bin/python -m research.paper.claims.page

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,6 +20,8 @@ from humanplay.board import messages
 from humanplay.cli.main import cli as humanplay
 from humanplay.command.group import Commands
 from humanplay.db.columns import TABLES, bundle_table, markdown, markdown_tables
+from humanplay.study.draft import draft_text
+from humanplay.study.protocol import default_protocol
 from humanplay.task.registration import DEFAULT_TASK, environment_of
 from humanplay.tasks.mars.cli import cli as marsexplorer
 from humanplay.web.answers.openapi import answered_models, definitions
@@ -30,7 +32,10 @@ from marsexplorer.compat import DEFAULT_CONFIG, PRESETS
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER.parent / "static"
-PAGES = ("api.md", "data.md", "release.md", "settings.md", "commands.md", "from-mars-explorer.md")
+PAGES = (
+    *("api.md", "data.md", "release.md", "settings.md", "commands.md"),
+    *("from-mars-explorer.md", "draft.md"),
+)
 TYPES_HEAD = "// What the API answers and sockets carry, drawn from their own description: `make tables` draws it again."
 OF_ENVIRONMENT = {
     "Frame": "Frame", "History": "MoveHistory", "Course": "Course", "FrameCourse": "Course", "Mistake": "Mars.Mistake",
@@ -141,22 +146,62 @@ DRAWN: Mapping[str, Callable[[], str]] = {
     "commands of humanplay": lambda: commands(humanplay, "humanplay"),
     "commands of marsexplorer": lambda: commands(marsexplorer, "marsexplorer"),
     "presets": lambda: presets(),
+    "a draft": lambda: draft(),
 }
 
 
+def draft() -> str:
+    """The draft of a study of MarsExplorer by its defaults."""
+    config = environment_of(DEFAULT_TASK).configuration({})
+    text = draft_text(default_protocol("pilot", config, recruitment="invitation"))
+    return f"```toml\n{text}```"
+
+
 def presets() -> str:
-    """The presets of the authors' world: class, commit, and what differs from the first."""
-    head = ("preset", "class (commit)", "complete above", "rover", "ends", "differs in")
-    rows = []
-    for name, preset in PRESETS.items():
+    """The presets of the authors' world against the first; levels share a row."""
+    head = (
+        "preset",
+        "class (commit)",
+        "complete above",
+        "state of the rover's cell",
+        "ends",
+        "differs in",
+    )
+    levels = [name for name in PRESETS if name.startswith("level-")]
+    groups = [[name] for name in PRESETS if name not in levels]
+    groups.insert([*PRESETS].index(levels[0]), levels)
+    return table(head, [row_of_presets(names) for names in groups])
+
+
+def row_of_presets(names: Sequence[str]) -> tuple[str, ...]:
+    """The cells of presets that share a row."""
+    chosen = [PRESETS[name] for name in names]
+    ends, others = [], []
+    for preset in chosen:
         conf = {**DEFAULT_CONFIG, **preset.changes}
-        ends = ", ".join(f"{conf[end]:+d}" for end in ENDS)
-        others = {key: value for key, value in preset.changes.items() if key not in ENDS}
-        words = ", ".join(f"`{key}` {json.dumps(value)}" for key, value in others.items())
-        made_by = f"`{preset.class_name}` ({preset.commit})"
-        share = f"{preset.share:.0%}"
-        rows.append((f"`{name}`", made_by, share, str(preset.rover), ends, words))
-    return table(head, rows)
+        ends.append(", ".join(f"{conf[end]:+d}" for end in ENDS))
+        others.append(
+            {key: json.dumps(to) for key, to in preset.changes.items() if key not in ENDS}
+        )
+    words = [f"`{key}` {by_number([to[key] for to in others])}" for key in others[0]]
+    return (
+        " to ".join(f"`{name}`" for name in dict.fromkeys([names[0], names[-1]])),
+        by_number([f"`{preset.class_name}` ({preset.commit})" for preset in chosen]),
+        by_number([f"{preset.share:.0%}" for preset in chosen]),
+        by_number([str(preset.rover) for preset in chosen]),
+        by_number(ends),
+        ", ".join(words),
+    )
+
+
+def by_number(texts: Sequence[str]) -> str:
+    """One text if all are the same, else the distinct ones with their numbers."""
+    numbers: dict[str, list[int]] = {}
+    for number, text in enumerate(texts, 1):
+        numbers.setdefault(text, []).append(number)
+    if len(numbers) == 1:
+        return texts[0]
+    return " or ".join(f"{text} ({', '.join(map(str, those))})" for text, those in numbers.items())
 
 
 def redraw(text: str) -> str:

@@ -135,14 +135,17 @@ def arguments() -> argparse.Namespace:
 
 def make_envs(options: argparse.Namespace) -> gymnasium.vector.VectorEnv:
     """The environments: of the paper's text, or of a preset of the authors' code."""
-    name = "KoutrasCode-v0" if options.preset else "MarsExplorer-v0"
-    text = {"level": options.level, "size": options.size, "autoreset_mode": "SameStep"}
+    if options.preset:
+        name, settings = "KoutrasCode-v0", {"preset": options.preset}
+    else:
+        name, settings = "MarsExplorer-v0", {"level": options.level, "size": options.size}
+        settings["autoreset_mode"] = "SameStep"
     return gymnasium.make_vec(
         f"marsexplorer:{name}",
         num_envs=options.num_envs,
         vectorization_mode="vector_entry_point",
         observation="uint8",
-        **({"preset": options.preset} if options.preset else text),
+        **settings,
     )
 
 
@@ -151,7 +154,7 @@ def main() -> None:
     options = arguments()
     torch.manual_seed(options.seed)
     envs = make_envs(options)
-    counted = "coverage" if options.preset else "score"  # what an episode comes to
+    metric = "coverage" if options.preset else "score"
     rows, cols = envs.single_observation_space.shape
     agent = Agent(rows, cols)
     optimizer = torch.optim.Adam(agent.parameters(), lr=options.learning_rate, eps=1e-5)
@@ -180,7 +183,7 @@ def main() -> None:
             dones[t] = torch.from_numpy(terminated | truncated).float()
             if "final_obs" in info:
                 ended = np.flatnonzero(info["_final_obs"])
-                scores += info["final_info"][counted][ended].tolist()
+                scores += info["final_info"][metric][ended].tolist()
                 cut = np.flatnonzero(truncated)
                 if len(cut):
                     last = torch.from_numpy(np.stack(list(info["final_obs"][cut])))
@@ -224,13 +227,13 @@ def main() -> None:
         if scores:
             curve.append(f"{played},{recent}")
         print(
-            f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean {counted} "
+            f"{played:,} moves, {played / (time.time() - began):,.0f} a second, mean {metric} "
             f"{recent}",
             flush=True,
         )
 
     if options.curve:
-        options.curve.write_text("\n".join([f"moves,{counted}", *curve, ""]))
+        options.curve.write_text("\n".join([f"moves,{metric}", *curve, ""]))
     print(f"{time.process_time() / 60:.1f} processor minutes", flush=True)
     save(agent, rows, cols, options.out)
     if options.preset:

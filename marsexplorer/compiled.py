@@ -41,6 +41,10 @@ except ModuleNotFoundError as error:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+NO_FOLDER = (
+    "MarsExplorer's compiled rules have no folder that may be written to: "
+    "set the variable NUMBA_CACHE_DIR to one"
+)
 NOTICE = "marsexplorer: compiling the rules for this machine, some seconds; the next start reads them from a cache"
 
 
@@ -125,7 +129,17 @@ event.register("numba:compile", _Listener())
 
 
 class KernelCache(FunctionCache):
-    """The compiled versions of one kernel, on disk."""
+    """The compiled versions of one kernel, on disk.
+
+    Raises:
+        ImportError: No folder can be written to, so that nothing could be kept.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        try:
+            super().__init__(function)
+        except RuntimeError as error:
+            raise ImportError(NO_FOLDER, name=__name__) from error
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load the version for these argument types; None makes numba compile and save it."""

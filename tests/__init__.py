@@ -1,1 +1,1 @@
-"""A package, so that no other package of this name, as opensimplex installs one, stands in its place."""
+"""A package, so that no other package called `tests` stands in its place."""

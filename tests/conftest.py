@@ -46,7 +46,7 @@ def pytest_collection_finish():
 
 @pytest.fixture
 def briefly_examined(monkeypatch):
-    """A study's environment is examined over a few moves alone; `test_doctor.py` is about more."""
+    """A study's environment is examined over a few moves; `test_doctor.py` does more."""
     monkeypatch.setattr("humanplay.tasks.gymnasium.lock.EXAMINED", 20)
 
 
@@ -55,5 +55,5 @@ def store(tmp_path):
     """An empty database of a server, `play.db`."""
     from humanplay.db.store import Store
 
-    with closing(Store(tmp_path / "play.db")) as found:
-        yield found
+    with closing(Store(tmp_path / "play.db")) as database:
+        yield database

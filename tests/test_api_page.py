@@ -18,18 +18,20 @@ def block(kind, server):
 
 
 def ended(server):
-    (found,) = server.client().get("/api/episodes").json()
-    return found
+    (episode,) = server.client().get("/api/episodes").json()
+    return episode
 
 
 def test_ten_lines_of_python_drive_a_whole_episode(server, capsys):
     names = {}
     exec(compile(block("python", server), "docs/api.md", "exec"), names)
     names["api"].close()
-    found = ended(server)
-    assert found["driver"] == "script"
-    assert found["outcome"] in ("explored", "timed_out")
-    assert capsys.readouterr().out.startswith(f"{found['outcome']} after {found['steps']} moves")
+    episode = ended(server)
+    assert episode["driver"] == "script"
+    assert episode["outcome"] in ("explored", "timed_out")
+    assert capsys.readouterr().out.startswith(
+        f"{episode['outcome']} after {episode['steps']} moves"
+    )
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="NO CURL: its ten lines were not run")
@@ -38,6 +40,6 @@ def test_ten_lines_of_curl_drive_a_whole_episode(server):
     done = subprocess.run(
         ["sh", "-c", lines], capture_output=True, text=True, check=True, timeout=60
     )
-    found = ended(server)
-    assert found["outcome"] in ("collided", "out_of_bounds")
-    assert f'"outcome":"{found["outcome"]}"' in done.stdout.replace(" ", "")
+    episode = ended(server)
+    assert episode["outcome"] in ("collided", "out_of_bounds")
+    assert f'"outcome":"{episode["outcome"]}"' in done.stdout.replace(" ", "")

@@ -1,4 +1,4 @@
-"""What is installed: every Python that the project supports takes it, hashes pin it, and its licences are stated."""
+"""What is installed: for every supported Python, by hashes, with its licence."""
 
 import re
 import tomllib
@@ -26,10 +26,14 @@ OF_PYTHON = {"pip"}
 
 
 def test_what_is_pinned_and_installed_takes_the_oldest_python_that_the_project_takes():
-    """Debian 12 has Python 3.11.2, and pip refuses a pin that wants a newer one; so 3.11 must do, whatever its last number."""
+    """Pins take every Python 3.11: Debian 12 has 3.11.2.
+
+    pip refuses a pin that wants a newer one.
+    """
     oldest = PROJECT["requires-python"].removeprefix(">=") + ".0"
     installed = {
-        each.metadata["Name"]: each.metadata["Requires-Python"] or "" for each in distributions()
+        distribution.metadata["Name"]: distribution.metadata["Requires-Python"] or ""
+        for distribution in distributions()
     }
     assert len(installed) > 100
     assert {
@@ -38,7 +42,10 @@ def test_what_is_pinned_and_installed_takes_the_oldest_python_that_the_project_t
 
 
 def needed(requirements):
-    """What requirements bring on this machine: the packages of the project's metadata and of what is installed."""
+    """The packages that requirements install on this machine.
+
+    By the project's metadata, and by that of installed packages.
+    """
     names, seen = set(), set()
     waiting = [Requirement(line) for line in requirements]
     while waiting:
@@ -52,16 +59,16 @@ def needed(requirements):
         else:
             names.add(name)
             lines = distribution(name).requires or []
-        for found in map(Requirement, lines):
-            if found.marker is None or any(
-                found.marker.evaluate({"extra": extra}) for extra in ("", *extras)
+        for dependency in map(Requirement, lines):
+            if dependency.marker is None or any(
+                dependency.marker.evaluate({"extra": extra}) for extra in ("", *extras)
             ):
-                waiting.append(found)
+                waiting.append(dependency)
     return names - OF_PYTHON
 
 
 def hashed(extra):
-    """The packages of an extra's file, each with its hashes, and those of them that this machine needs."""
+    """The packages of an extra's file, with hashes, and those that this machine needs."""
     text = (ROOT / "requirements" / f"{extra}.txt").read_text().replace("\\\n", " ")
     packages, here = {}, set()
     for line in text.splitlines():
@@ -96,7 +103,7 @@ def test_a_file_of_hashes_has_the_pins_of_its_extra_and_no_others(extra):
 
 
 def licence(package):
-    """The licence that a package states: as an expression, a class, a word, or a file of its own."""
+    """The licence that a package states: an expression, a class, a word or a file."""
     metadata = package.metadata
     if expression := metadata["License-Expression"]:
         return expression

@@ -7,8 +7,12 @@ import sys
 from contextlib import contextmanager
 from importlib.metadata import metadata
 
+import pytest
+
 from humanplay.command.extras import EXTRAS
 from humanplay.db.store import Store
+from humanplay.tasks.gymnasium.description import Description
+from tests.app.pilot.test_score import played
 from tests.support.absent import environment_without
 from tests.support.command_server import command_server
 from tests.support.recorded import play
@@ -16,7 +20,7 @@ from tests.support.servers import RunningServer
 
 IN_PLAY = {*EXTRAS["play"], *EXTRAS["mars"]}
 IN_EXTRAS = sorted({module for modules in EXTRAS.values() for module in modules})
-MORE_THAN_PLAY = sorted({module for modules in EXTRAS.values() for module in modules} - IN_PLAY)
+MORE_THAN_PLAY = [module for module in IN_EXTRAS if module not in IN_PLAY]
 
 
 @contextmanager
@@ -65,28 +69,37 @@ def test_play_evaluates_policies(tmp_path):
     assert "frontier-cost" in process.stdout
 
 
-def test_people_are_scored_beside_a_policy_where_no_extra_is_installed(tmp_path):
-    """The interval of the human-normalized score too."""
-    code = """
+SCORE = """
 import json
-import numpy as np
 from humanplay import score
-from humanplay.report.statistics.comparisons import quotient_interval
-generator = np.random.default_rng(7)
-people = generator.normal(10, 2, (8, 12))
-print(json.dumps([score.__name__, *quotient_interval(generator.normal(9, 2, 12), people)]))
+moves = {0: 1, 4: 1, 8: 2, 9: 2, 10: 1, 14: 2}
+shown = score("playground.db", {"straight": lambda observation: moves[int(observation)]})
+random, straight = shown.policies
+print(json.dumps([shown.people.mean, random.mean, straight.normalized_interval]))
 """
+
+
+def test_people_are_scored_beside_a_policy_where_no_extra_is_installed(serve, tmp_path):
+    """The interval of the human-normalized score too."""
+    lake = Description(id="FrozenLake-v1", kwargs={"is_slippery": False}).told
+    server = serve(task=f"gymnasium:{lake}")
+    played(
+        server, 11
+    )  # of so many the interval leaves 0 out, also where random reaches the goal once
+    played(server, 1, moves=("down", "right"))  # into a hole
+    server.stop()
     process = subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, "-c", SCORE],
+        cwd=tmp_path,
         env=environment_without(IN_EXTRAS, tmp_path),
         capture_output=True,
         text=True,
         check=False,
     )
     assert process.returncode == 0, process.stderr
-    name, ratio, (low, high) = json.loads(process.stdout)
-    assert name == "score"
-    assert low < ratio < high
+    people, random, (low, high) = json.loads(process.stdout)
+    assert people == pytest.approx(11 / 12)
+    assert low < (1 - random) / (people - random) < high
 
 
 def test_a_missing_pygame_is_named_with_the_line_of_the_installed_gymnasium(tmp_path):

@@ -11,7 +11,7 @@ FOLDERS = ("app", "marsexplorer", "tests", "research", "examples", "deploy", "do
 
 
 def test_nothing_imports_the_package_by_the_name_of_its_folder():
-    """The root of a checkout is on the path too, so `app` would be a second copy of every module."""
+    """A checkout has its root on the path: `app` would be a second copy of everything."""
     imports = re.compile(r"\bapp\.human" r"play\b|\bfrom app\b|\bimport app\b")
     paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")]
     texts = [path for path in paths if path.suffix in {".py", ".md", ".toml", ".sh", ".json"}]
@@ -39,7 +39,7 @@ def test_documents_name_the_wheel_as_it_is_built():
 
 @pytest.mark.parametrize(
     ("pattern", "most"),
-    [(r"\bAny\b", 231), (r"\bcast\(", 6), ("type: ignore", 18), ("noqa", 6)],
+    [(r"\bAny\b", 217), (r"\bcast\(", 6), ("type: ignore", 18), ("noqa", 6)],
 )
 def test_what_hides_a_type_or_a_fault_does_not_become_more(pattern, most):
     """A type in its place makes the number smaller: write the new one here."""

@@ -1,4 +1,4 @@
-"""A count agrees with its noun and verb: every sentence with a number takes its words from one function."""
+"""A count agrees with its noun and verb."""
 
 import ast
 import re
@@ -62,24 +62,24 @@ def test_no_number_stands_before_a_plural_in_python():
         for path in (ROOT / "app").rglob("*.py")
         if path.parent != ROOT / "app/humanplay/tasks/mars/cli"
     ]
-    found = [line for path in paths for line in uncounted(path)]  # trainings have many moves
-    assert found == []
+    lines = [line for path in paths for line in uncounted(path)]  # trainings have many moves
+    assert lines == []
 
 
 def test_no_number_stands_before_a_plural_in_a_template():
-    found = []
+    places = []
     for path in [*(ROOT / "app").rglob("*.j2"), *(ROOT / "app").rglob("*.txt")]:
         for match in re.finditer(rf"\{{+([^{{}}]*)\}}+{AFTER_A_COUNT.pattern}", path.read_text()):
             if "format" not in match[1] and not match[1].strip().startswith("%"):
-                found.append(f"{path.relative_to(ROOT)}: {match[0]}")
-    assert found == []
+                places.append(f"{path.relative_to(ROOT)}: {match[0]}")
+    assert places == []
 
 
 def test_no_number_stands_before_a_plural_on_a_page():
-    found = []
+    places = []
     for path in (ROOT / "static").rglob("*.js"):
         for match in re.finditer(rf"\$\{{([^{{}}]*)\}}{AFTER_A_COUNT.pattern}", path.read_text()):
             is_number = not re.search(r"toFixed|shown\(|[Nn]ame\(|many\(|title|each", match[1])
             if is_number and "static/vendor" not in str(path):
-                found.append(f"{path.relative_to(ROOT)}: {match[0]}")
-    assert found == []
+                places.append(f"{path.relative_to(ROOT)}: {match[0]}")
+    assert places == []

@@ -1,4 +1,4 @@
-"""The wheel carries the page and the shipped policies, and serves them from anywhere."""
+"""The wheel carries page and shipped policies, and serves them anywhere."""
 
 import os
 import re
@@ -31,20 +31,20 @@ def pip(*args):
 def wheel(tmp_path_factory):
     """The wheel of this tree."""
     folder = tmp_path_factory.mktemp("wheel")
-    made = pip("wheel", ROOT, "--no-deps", "--wheel-dir", folder)
-    if made.returncode and re.search(
-        r"(found for|find .*) hatchling|to install build dependencies did not run", made.stderr
+    built = pip("wheel", ROOT, "--no-deps", "--wheel-dir", folder)
+    if built.returncode and re.search(
+        r"(found for|find .*) hatchling|to install build dependencies did not run", built.stderr
     ):
         pytest.skip(
             "NO HATCHLING: the package registry cannot be reached, so no wheel can be built here"
         )
-    assert made.returncode == 0, made.stderr
+    assert built.returncode == 0, built.stderr
     return next(folder.glob("*.whl"))
 
 
 @pytest.fixture(scope="module")
 def home(wheel, tmp_path_factory):
-    """The bin/ of an environment with the wheel in it, its dependencies borrowed from ours."""
+    """The bin/ of an environment with the wheel, its dependencies borrowed from ours."""
     folder = tmp_path_factory.mktemp("elsewhere") / "venv"
     venv.create(folder, symlinks=True)
     installed = pip(
@@ -64,7 +64,10 @@ def home(wheel, tmp_path_factory):
 
 
 def borrow_kernels(packages):
-    """Give the wheel's modules the age of ours, and what was compiled of them: a cold start is tested with the bench."""
+    """Give the wheel's modules the age of ours, and what was compiled of them.
+
+    A cold start is tested with the bench.
+    """
     for module in (ROOT / "marsexplorer").rglob("*.py"):
         shutil.copystat(module, packages / module.relative_to(ROOT))
     for kernel in (ROOT / "marsexplorer").rglob("__pycache__/*.nb[ci]"):
@@ -75,7 +78,10 @@ def borrow_kernels(packages):
 
 @contextmanager
 def serving(folder, *command, **variables):
-    """A command of that environment which serves, started in a folder that is no checkout; yields its address."""
+    """A command of that environment which serves outside of a checkout.
+
+    Yields its address.
+    """
     env = {
         key: value
         for key, value in os.environ.items()
@@ -94,8 +100,10 @@ def test_page_and_shipped_policies_travel_with_the_wheel(wheel):
     assert "play/index.html" in files_under(ROOT / "static")
     assert {f"humanplay/static/{name}" for name in files_under(ROOT / "static")} <= held
     for folder in (ROOT / "app" / "humanplay", ROOT / "marsexplorer"):
-        own = {name for name in files_under(folder) if "__pycache__" not in name}
-        assert {f"{folder.name}/{name}" for name in own} <= held, "templates and tables are there"
+        package_files = {name for name in files_under(folder) if "__pycache__" not in name}
+        assert {f"{folder.name}/{name}" for name in package_files} <= held, (
+            "templates and tables are there"
+        )
     shipped = {path.name for path in (ROOT / "data/policies").iterdir() if path.is_file()}
     assert {f"marsexplorer/data/policies/{name}" for name in shipped} <= held
     assert not [name for name in held if "data/policies/paper" in name], "they are for a checkout"
@@ -108,13 +116,13 @@ def test_page_and_shipped_policies_travel_with_the_wheel(wheel):
 
 @pytest.mark.timeout(PATIENCE_S)
 def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
-    where = [
+    command = [
         str(home / "python"),
         "-c",
         "import humanplay, marsexplorer; print(humanplay.__file__, marsexplorer.__file__)",
     ]
     for path in subprocess.run(
-        where, cwd=tmp_path, capture_output=True, text=True, check=True
+        command, cwd=tmp_path, capture_output=True, text=True, check=True
     ).stdout.split():
         assert path.startswith(str(home.parent)), path
     with (
@@ -166,8 +174,8 @@ def test_the_wheel_is_used_in_a_folder_of_somebodys_own_project(home, crowded):
 
     assert "serve" in said(home / "humanplay", "--help")
     assert said(home / "humanplay", "--version").startswith("humanplay")
-    where = "import humanplay; print(humanplay.__file__)"
-    assert said(home / "python", "-c", where).startswith(str(home.parent))
+    script = "import humanplay; print(humanplay.__file__)"
+    assert said(home / "python", "-c", script).startswith(str(home.parent))
     assert "train" in said(home / "marsexplorer", "--help")
     assert "no difference in" in said(
         home / "humanplay", "doctor", "FrozenLake-v1", "--steps", "20"
@@ -200,12 +208,12 @@ def test_one_command_plays_a_shipped_network_from_the_wheel_without_torch(ways, 
     installed = pip("--python", tools / "python", "install", "--quiet", ways[0])
     if installed.returncode:
         pytest.skip(f"NO {ways[0].upper()}: the package registry cannot be reached")
-    own = {"UV_CACHE_DIR": f"{tmp_path}/made", "PIPX_HOME": f"{tmp_path}/made"}
+    folders = {"UV_CACHE_DIR": f"{tmp_path}/made", "PIPX_HOME": f"{tmp_path}/made"}
     by_spec = (tools / ways[0], *ways[1:], f"{wheel}[play]", "humanplay")
     command = (*by_spec, "play", "--no-browser", "--database", "away.db")
     wanted = {"size": 9, "seed": 3, "player": "ppo"}
     with (
-        serving(tmp_path, *command, PATH=f"{tools}:{os.environ['PATH']}", **own) as url,
+        serving(tmp_path, *command, PATH=f"{tools}:{os.environ['PATH']}", **folders) as url,
         httpx.Client(base_url=url, timeout=PATIENCE_S, trust_env=False) as client,
     ):
         assert client.get("/").status_code == 200

@@ -32,6 +32,10 @@ def main():
     parser.add_argument("--policy", default="frontier-cost", help="a name, or a file")
     options = parser.parse_args()
     card = called(options.card)
+    if "sensor_radius" not in card["config"]:
+        raise SystemExit(
+            f"expected a card of MarsExplorer, got one of {card['title']}: random_moves.py plays any"
+        )
     policy = load(options.policy, card["config"]["sensor_radius"])
     if not card["state"]["begun"]:
         agent = {

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record, steps_to_target
 from marsexplorer.evaluation.episodes import play_terrain
-from marsexplorer.evaluation.missed import Missed, find_missed
+from marsexplorer.evaluation.missed import MissedCells, find_missed
 from marsexplorer.evaluation.mistakes import Mistake, MistakeKind, find_mistakes
 from marsexplorer.evaluation.rollouts import (
     Decisions,
@@ -99,7 +99,7 @@ class EpisodeCosts:
         return self.counts - self.expert_moves
 
     @property
-    def given_up(self) -> int:
+    def without_move(self) -> int:
         """Cost of an end without a move; 0 if a move ended the episode."""
         return self.counts - int(self.lengths[-1])
 
@@ -126,7 +126,7 @@ class EpisodeCosts:
         costs: dict[str, int] = dict.fromkeys(MistakeKind, 0)
         for mistake in self.mistakes:
             costs[mistake.kind] += mistake.cost
-        costs[MistakeKind.ENDED_EARLY] += self.given_up
+        costs[MistakeKind.ENDED_EARLY] += self.without_move
         return costs
 
     def by_tenth(self) -> NDArray[np.int64]:
@@ -184,7 +184,7 @@ class CostEstimator:
 
         return int(self._cached(record, 1, expert_length)[0])
 
-    def missed(self, record: Record, mistakes: Sequence[Mistake]) -> list[Missed]:
+    def missed(self, record: Record, mistakes: Sequence[Mistake]) -> list[MissedCells]:
         """What Expert's move would soon have shown, for each of some mistakes."""
         return find_missed(record, mistakes, self._net)
 

@@ -22,7 +22,7 @@ SOON = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Missed:
+class MissedCells:
     """A mistake as it looked to the player, and what Expert's move would have shown.
 
     codes     uint8[rows, cols], known before the move; discovered: their number
@@ -40,14 +40,16 @@ class Missed:
     seen_at: int | None
 
 
-def find_missed(record: Record, mistakes: Sequence[Mistake], net: ActionScorer) -> list[Missed]:
+def find_missed(
+    record: Record, mistakes: Sequence[Mistake], net: ActionScorer
+) -> list[MissedCells]:
     """What was missed by each of some mistakes of an episode, in their order."""
     first_seen = _first_seen(record)
     config = record.config
     player = GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols))
     player.worlds.start_on(0, record.terrain_map(), record.start)
     wanted = {mistake.step: mistake for mistake in mistakes}
-    missed: dict[int, Missed] = {}
+    missed: dict[int, MissedCells] = {}
     for step, action in enumerate(record.actions):
         rover = player.watch()
         if step in wanted:
@@ -57,7 +59,9 @@ def find_missed(record: Record, mistakes: Sequence[Mistake], net: ActionScorer) 
             last = int(first_seen[tuple(late.T)].max(initial=0))
             row, col = divmod(int(rover[0]), config.cols)
             seen_at = last if len(late) and last <= len(record.actions) else None
-            missed[step] = Missed(codes, int(np.count_nonzero(codes)), (row, col), late, seen_at)
+            missed[step] = MissedCells(
+                codes, int(np.count_nonzero(codes)), (row, col), late, seen_at
+            )
         player.step(np.array([action]))
     return [missed[mistake.step] for mistake in mistakes]
 

@@ -10,7 +10,9 @@ each other move, and more than two standard errors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from marsexplorer import policies
 from marsexplorer.config import ACTIONS, OBSTACLE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.observation import DISPLACEMENTS, decode
 from marsexplorer.policies.base import Memory
 from marsexplorer.policies.kernels.grid import completion_target, neighbour
 from marsexplorer.policies.kernels.posterior import move_chains
@@ -43,6 +46,10 @@ LEAST_SAVED = 6.0
 """Moves that the best first move saves on average against each other one."""
 SWEEPS = 4
 """Gibbs steps of each rectangle before a position is judged."""
+RULE = "frontier-priced"
+"""The rule that drives on after a first move."""
+SHOWN_MOVES = 8
+"""Moves, the first one among them, whose new cells show what a first move is good for."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,7 @@ class Puzzle:
     saves    of the best first move against the next best, on average over `terrains`, with its
              standard error
     here     the same on the terrain itself
+    shows    the cells that are new there within SHOWN_MOVES, by the first move
     """
 
     codes: NDArray[np.uint8]
@@ -67,6 +75,7 @@ class Puzzle:
     error: float
     terrains: int
     here: int
+    shows: dict[str, list[tuple[int, int]]]
 
 
 @dataclass(frozen=True)
@@ -189,17 +198,46 @@ def _free_moves(codes: NDArray[np.uint8], cell: int, rows: int, cols: int) -> di
     return {name: near for name, near in cells.items() if near >= 0 and codes[near] not in not_free}
 
 
+def cells_shown(seed: int, trail: Sequence[tuple[int, int]], first: str) -> list[tuple[int, int]]:
+    """The cells that a first move and the rule's next ones uncover on the terrain.
+
+    Args:
+        seed: Of the terrain.
+        trail: The cells of the way to the position, from the start.
+        first: The first move's name.
+    """
+    episode, policy = Episode.begin(CONFIG, seed=seed), policies.load(RULE)
+    policy.reset(0)
+    steps = [(after[0] - cell[0], after[1] - cell[1]) for cell, after in pairwise(trail)]
+    for step in steps:
+        policy.act(episode.observation())  # it remembers where the rover has been
+        episode.step(DISPLACEMENTS.index(step))
+    before = decode(episode.observation()) != UNKNOWN
+    policy.act(episode.observation())
+    episode.step(ACTIONS.index(first))
+    for _ in range(SHOWN_MOVES - 1):
+        if episode.ended:
+            break
+        episode.step(policy.act(episode.observation()))
+    new = (decode(episode.observation()) != UNKNOWN) & ~before
+    return [(int(row), int(col)) for row, col in np.argwhere(new)]
+
+
 def puzzle_on(seed: int) -> Puzzle | None:
     """The position of a terrain whose answer saves most; None if there is none."""
     episode, policy, memory = Episode.begin(CONFIG, seed=seed), policies.load(DRIVER), Memory()
     judge = Judge(seed, episode.terrain)
     policy.reset(0)
-    best: Puzzle | None = None
+    best: Verdict | None = None
+    codes, trail, heading = memory.codes, tuple(episode.path), episode.heading
     while not episode.ended:
         memory.observe(episode.observation())
         verdict = judge.look(memory)
         if verdict is not None and (best is None or verdict.saves > best.saves):
-            trail = tuple(episode.path)
-            best = Puzzle(memory.codes.copy(), trail, episode.heading, **vars(verdict))
+            best, codes = verdict, memory.codes.copy()
+            trail, heading = tuple(episode.path), episode.heading
         episode.step(policy.act(episode.observation()))
-    return best
+    if best is None:
+        return None
+    shows = {move: cells_shown(seed, trail, move) for move in best.means}
+    return Puzzle(codes, trail, heading, shows=shows, **vars(best))

@@ -478,7 +478,7 @@ UNGRAPHED_STEPS = 3
 """Calls before one is made a graph: libraries prepare in them what a graph cannot hold."""
 
 
-class Graphed:
+class GraphedFunction:
     """A function of tensors on a CUDA device, which repeats its work as one graph.
 
     A gradient step is some hundred kernels of a few microseconds each, and to start them one by one
@@ -522,7 +522,7 @@ class GraphedSteps:
     def __init__(self, run: TrainingRun, rollout: Minibatch) -> None:
         self._run, self._rollout = run, rollout.map(lambda column: column.to(run.device))
         self._coefs = torch.zeros(2, device=run.device)
-        self._graphs: dict[tuple[int, bool], Graphed] = {}
+        self._graphs: dict[tuple[int, bool], GraphedFunction] = {}
 
     def load(self, rollout: Minibatch) -> None:
         """Copy a rollout and the coefficients to where the graphs read them."""
@@ -537,7 +537,7 @@ class GraphedSteps:
             return self._step(indices)
         kind = (len(indices), self._run.updates_done >= config.value_warmup_updates)
         if kind not in self._graphs:
-            self._graphs[kind] = Graphed(self._step)
+            self._graphs[kind] = GraphedFunction(self._step)
         return self._graphs[kind](indices)
 
     def _step(self, indices: Tensor) -> Tensor:

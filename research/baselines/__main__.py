@@ -2,14 +2,17 @@
 
     python -m research.baselines
 
-All rules play a terrain before the next one, so a run that was stopped goes on where it was.
+All rules play a terrain before the next one, so a run that was stopped goes on where it was, and a
+rule that is new plays the terrains that the others have played.
 """
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
 import click
 import numpy as np
@@ -21,9 +24,8 @@ from marsexplorer.episode import steps_to_target
 from marsexplorer.evaluation import RULES
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.evaluation.table import ratio_interval
-from marsexplorer.intervals import Floats
 from marsexplorer.policies.base import Policy
-from research.baselines.rules import DistanceAdvantage, USweep
+from research.baselines.rules import ClusterTour, DistanceAdvantage, NextBestView, USweep
 from research.paper.tables import Estimate, markdown_table
 
 FIRST_SEED = 1795391114
@@ -33,7 +35,13 @@ SIDES = (21, 42, 84)
 BEST = "frontier-priced"
 """The best of our rules."""
 OURS = (*RULES, BEST)
-ELSEWHERE = (DistanceAdvantage(1.0), DistanceAdvantage(0.5), USweep())
+ELSEWHERE = (
+    DistanceAdvantage(1.0),
+    DistanceAdvantage(0.5),
+    NextBestView(),
+    ClusterTour(),
+    USweep(),
+)
 NAMES = (*OURS, *(rule.name for rule in ELSEWHERE))
 COLUMNS = ("seed", "policy", "steps", "soon")
 """Moves to 99 %, and the share of the cells known after as many moves as two sides."""
@@ -52,15 +60,15 @@ def file_of(side: int) -> Path:
 def measure(side: int, terrains: int) -> None:
     """Add the rows of the terrains of level random that the file does not have yet."""
     path, config, rules = file_of(side), EnvConfig.of("random", side), players()
-    done = set(steps_by_seed(path)[0]) if path.is_file() else set[int]()
+    played = read_rows(path) if path.is_file() else {}
     with progress(f"{side}x{side}") as advance, path.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         if file.tell() == 0:
             writer.writerow(COLUMNS)
         for count, seed in enumerate(range(FIRST_SEED, FIRST_SEED + terrains), 1):
-            if seed not in done:
-                writer.writerows([row_of(rule, config, seed) for rule in rules])
-                file.flush()
+            missing = [rule for rule in rules if seed not in played.get(rule.name, {})]
+            writer.writerows([row_of(rule, config, seed) for rule in missing])
+            file.flush()
             advance(count, terrains)
 
 
@@ -72,49 +80,54 @@ def row_of(rule: Policy, config: EnvConfig, seed: int) -> tuple[int, str, int, s
     return seed, rule.name, steps, f"{soon:.4f}"
 
 
-def steps_by_seed(path: Path) -> tuple[list[int], dict[str, Floats], dict[str, Floats]]:
-    """What all rules played: (seeds, policy -> moves, policy -> shares)."""
+@dataclass(frozen=True)
+class Row:
+    """What a rule needed on a terrain.
+
+    steps  to 99 %
+    soon   share of the cells known after as many moves as two sides
+    """
+
+    steps: float
+    soon: float
+
+
+def read_rows(path: Path) -> dict[str, dict[int, Row]]:
+    """What the rules played: policy -> seed -> row; the rules in the order of NAMES."""
+    played: dict[str, dict[int, Row]] = {name: {} for name in NAMES}
     with path.open(newline="") as file:
-        rows = [*csv.DictReader(file)]
-    by_policy = {
-        name: {int(row["seed"]): row for row in rows if row["policy"] == name} for name in NAMES
-    }
-    seeds = sorted(set.intersection(*(set(played) for played in by_policy.values())))
-    moves, shares = (
-        {
-            name: np.array([float(played[seed][column]) for seed in seeds])
-            for name, played in by_policy.items()
-        }
-        for column in ("steps", "soon")
+        for line in csv.DictReader(file):
+            played[line["policy"]][int(line["seed"])] = Row(
+                float(line["steps"]), float(line["soon"])
+            )
+    return {name: rows for name, rows in played.items() if rows}
+
+
+def to_reference(rows: dict[int, Row], references: dict[int, Row]) -> str:
+    """A rule's moves over those of a reference on the terrains that both played."""
+    both = sorted(rows.keys() & references.keys())
+    moves, others = (
+        np.array([played[seed].steps for seed in both]) for played in (rows, references)
     )
-    return seeds, moves, shares
+    return Estimate(*ratio_interval(moves, others)).text()
 
 
 def table(sides: Sequence[int] = SIDES) -> str:
     """Each rule's moves, over those of the paper's better rule and of our best one."""
-    rows = []
+    cells = []
     for side in filter(lambda side: file_of(side).is_file(), sides):
-        seeds, moves, shares = steps_by_seed(file_of(side))
-        better = min(RULES, key=lambda name: float(moves[name].mean()))
-        for name, steps in moves.items():
+        played = read_rows(file_of(side))
+        better = min(RULES, key=lambda name: fmean(row.steps for row in played[name].values()))
+        for name, rows in played.items():
             ratios = [
-                Estimate(*ratio_interval(steps, moves[reference])).text()
-                if name != reference
-                else "1"
+                to_reference(rows, played[reference]) if name != reference else "1"
                 for reference in (better, BEST)
             ]
-            size = f"{side}x{side}", f"{len(seeds):,}"
-            rows.append(
-                [
-                    f"`{name}`",
-                    *size,
-                    Estimate.of(steps).text(1),
-                    *ratios,
-                    Estimate.of(shares[name]).text(),
-                ]
-            )
+            steps = Estimate.of([row.steps for row in rows.values()]).text(1)
+            soon = Estimate.of([row.soon for row in rows.values()]).text()
+            cells.append([f"`{name}`", f"{side}x{side}", f"{len(rows):,}", steps, *ratios, soon])
     columns = ("rule", "size", "terrains", "steps to 99 %", "to rule", "to best rule", "known soon")
-    return markdown_table(columns, rows)
+    return markdown_table(columns, cells)
 
 
 @click.command()

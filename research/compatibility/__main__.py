@@ -53,9 +53,9 @@ HEAD = """# Compatibility
 
 *Reference. `python -m research.compatibility` drew this page.*
 
-Each row of the first table was run: Gymnasium's own check, copies by `copy.deepcopy` and `pickle`, the stack against
-Gymnasium's `SyncVectorEnv`, and a vector wrapper. `tests/marsexplorer/test_as_gymnasium_expects.py` holds the table
-of all vector wrappers, for the version that the tests run with.
+For each row of the first table these ran: Gymnasium's own check, copies by `copy.deepcopy` and `pickle`, our
+vector environment against Gymnasium's `SyncVectorEnv`, and a vector wrapper.
+`tests/marsexplorer/test_as_gymnasium_expects.py` tests every vector wrapper.
 
 |Python|Gymnasium|NumPy|result|
 |---|---|---|---|

@@ -64,7 +64,7 @@ def verdict(effect: Estimate | None) -> str:
         return "makes the difference"
     if effect.low > -LARGE and effect.high < LARGE:
         return "makes no difference"
-    return "undecided"
+    return "undecided" if effect.low < 0 < effect.high else "undecided whether enough to count"
 
 
 def sweeps(coverages: Sequence[float]) -> bool:
@@ -183,7 +183,7 @@ def reasons(records: Records) -> str:
 
 
 MAJORITY = 0.5
-"""Of a training's episodes: more of them make it what the training does."""
+"""Of a training's episodes: more of them are most."""
 
 
 def in_short(records: Records) -> str:
@@ -203,21 +203,48 @@ def in_short(records: Records) -> str:
         for world, group in letter.items()
     }
     completed = low_to_high(results_of(letter["text"], "explored"), per_cent)
-    with_u, explored, left = (
-        ", ".join(f"{100 * share:.1f}" for share in results_of(full, name)) + "\N{NO-BREAK SPACE}%"
+    started = [
+        record
+        for training, record in records.items()
+        if (training.world, training.passes, training.level) == ("text", "full", "videos")
+    ]
+    makers = [record for record in full if record.result and record.result["clean_u"] > MAJORITY]
+    others = [record for record in full if record not in makers]
+    sentences = [
+        f"On terrains kept apart, of the level of the videos (preset `videos`), PPO by the letter, with 48 gradient "
+        f"steps an update where the authors' code makes 960, covers {covered['text']} of the text's world and "
+        f"completes {completed} of its terrains; of the code's it covers {covered['code']}.",
+        *stopped(started),
+        "With the code's discount and lambda and 960 gradient steps an update it covers "
+        f"{low_to_high(results_of(full, 'coverage'), per_cent)} of the code's.",
+        f"Most episodes are a U without going back, as in the videos, for {len(makers)} of these {len(full)} seeds"
+        + (f": {ends_of(makers)}." if makers else "."),
+    ]
+    if makers and others:
+        sentences.append(f"For the others it is {ends_of(others)}.")
+    text = fill(" ".join(sentences), 110, break_on_hyphens=False)
+    return text.replace("\N{NO-BREAK SPACE}", " ")
+
+
+def stopped(records: Sequence[Record]) -> list[str]:
+    """What full passes in the text's world covered when they were stopped."""
+    if not records or any(record.result is not None for record in records):
+        return []
+    moves = min(record.lines[-1]["moves"] for record in records)
+    shares = low_to_high([record.last("coverage") for record in records], per_cent)
+    return [
+        f"With 960 in the text's, stopped after {moves:,} of 800,000 moves, it covered {shares} in training."
+    ]
+
+
+def ends_of(records: Sequence[Record]) -> str:
+    """How often trainings make a U, complete the terrain, and leave the grid."""
+    with_u, completed, left = (
+        " and ".join(f"{100 * share:.1f}" for share in results_of(records, name))
+        + "\N{NO-BREAK SPACE}%"
         for name in ("clean_u", "explored", "out_of_bounds")
     )
-    swept = low_to_high(results_of(full, "coverage"), per_cent)
-    makers = sum(share > MAJORITY for share in results_of(full, "clean_u"))
-    sentences = (
-        f"On terrains kept apart, of the level of the videos, PPO by the letter, with 48 gradient steps an "
-        f"update where the authors' code makes 960, covers {covered['text']} of the text's world and completes "
-        f"{completed} of its terrains; of the code's it covers {covered['code']}. With the code's discount and lambda "
-        f"and 960 gradient steps an update it covers {swept} of the code's. A U without going back, as in the "
-        f"videos, is what most episodes of {makers} of these {len(full)} seeds make. By seed, {with_u} make one, "
-        f"{explored} complete the terrain and {left} leave the grid."
-    )
-    return fill(sentences, 110, break_on_hyphens=False).replace("\N{NO-BREAK SPACE}", " ")
+    return f"{with_u}, where {completed} complete the terrain and {left} leave the grid"
 
 
 def finished(records: Records, **kind: str) -> list[Record]:

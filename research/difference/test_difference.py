@@ -22,6 +22,7 @@ from research.difference.answers import (
     read_records,
     reasons,
     sweeps,
+    table,
     verdict,
 )
 from research.difference.code_envs import CodeEnvs
@@ -71,7 +72,8 @@ def test_the_design_has_the_trainings_that_it_says():
         ((-0.2, -0.3, -0.11), "makes the difference"),
         ((0.0, -0.05, 0.05), "makes no difference"),
         ((0.1, -0.05, 0.25), "undecided"),
-        ((0.2, 0.05, 0.35), "undecided"),
+        ((0.2, 0.05, 0.35), "undecided whether enough to count"),
+        ((-0.2, -0.35, -0.05), "undecided whether enough to count"),
     ],
 )
 def test_an_effect_makes_a_difference_or_none_or_is_undecided(interval, words):
@@ -112,7 +114,7 @@ def test_what_is_not_finished_decides_nothing():
 
 
 def test_the_words_follow_from_the_trainings():
-    def words(*u_shares):
+    def words(*u_shares, begun=()):
         stored = records(lambda training: 0.9 if training.world == "code" else 0.4)
         for training, u_share in zip(full_passes(), u_shares, strict=True):
             shares = {
@@ -122,6 +124,7 @@ def test_the_words_follow_from_the_trainings():
                 "out_of_bounds": 0.1,
             }
             stored[training] = replace(record(training, 0.95), result=shares)
+        stored |= {training: record(training, 0.7, finished=False) for training in begun}
         return " ".join(in_short(stored).split())
 
     sweeping = words(0.9, 0.6, 0.8)
@@ -131,13 +134,29 @@ def test_the_words_follow_from_the_trainings():
         "not the training's 0.95"
     )
     assert "of the code's it covers 90 %" in sweeping
-    assert "most episodes of 3 of these 3 seeds" in sweeping
-    assert (
-        "90.0, 60.0, 80.0 % make one, 20.0, 20.0, 20.0 % complete the terrain and 10.0, 10.0, 10.0 %"
-        in sweeping
+    assert "for 3 of these 3 seeds: 90.0 and 60.0 and 80.0 %, where 20.0 and" in sweeping
+    assert "For the others" not in sweeping
+    assert words(0.1, 0.0, 0.2).endswith("as in the videos, for 0 of these 3 seeds.")
+    assert words(0.1, 0.9, 0.2).endswith(
+        "for 1 of these 3 seeds: 90.0 %, where 20.0 % complete the terrain and 10.0 % leave the "
+        "grid. For the others it is 10.0 and 20.0 %, where 20.0 and 20.0 % complete the terrain "
+        "and 10.0 and 10.0 % leave the grid."
     )
-    assert "most episodes of 0 of these 3 seeds" in words(0.1, 0.0, 0.2)
+    assert "stopped after" not in sweeping
+    in_the_text = Training("text", "text", "free", 0, "full", moves=280_000)
+    there = words(0.9, 0.6, 0.8, begun=[in_the_text])
+    assert (
+        "With 960 in the text's, stopped after 280,000 of 800,000 moves, it covered 70 % in"
+        in there
+    )
     assert in_short(records(lambda _: 0.5)) == ""
+
+
+def test_a_table_has_its_head_without_trainings_and_one_line_of_a_single_one():
+    assert table({}).splitlines()[0].startswith("| level | passes | world |")
+    ((training, only), *_) = records(lambda _: 0.5).items()
+    assert table({training: only}).startswith("In all rows: level videos, passes light, world ")
+    assert len(table({training: only}).splitlines()) == 1
 
 
 @pytest.mark.parametrize("rule", RULES)

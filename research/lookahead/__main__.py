@@ -161,7 +161,7 @@ def main(
     \b
     Examples:
       python -m research.lookahead --table
-      nice -n 19 python -m research.lookahead --size 21 --size 42 --out /tmp/mine
+      nice -n 19 python -m research.lookahead --size 21 --size 42 --out runs/mine
 
     The interval is of 95 %, paired by terrain. Moves depend on nothing but the terrain;
     milliseconds are of the processor, and depend on the machine and on what else it does.

@@ -30,7 +30,7 @@ from marsexplorer.policies.kernels.rollouts import compare, fill_truths
 from marsexplorer.policies.lookahead import Lookahead, LookaheadArrays
 from marsexplorer.terrain import generate
 from research.lookahead.__main__ import FIRST_SEED
-from research.paper.tables import Estimate, per_cent
+from research.paper.tables import Estimate, low_to_high, per_cent
 
 EARLIEST = 0.3
 """Share of the cells that is known when it is first asked."""
@@ -137,14 +137,8 @@ def main(size: str, terrains: int, seed: int) -> None:
         decisions = [decision for decision in watched.decisions if low <= decision[0] < high]
         if decisions:
             by_looking, by_knowing = (per_decision(decisions, column).text(2) for column in (1, 2))
-            rows.append(
-                (
-                    f"{100 * low:.0f} to {per_cent(high)}",
-                    str(len(decisions)),
-                    by_looking,
-                    by_knowing,
-                )
-            )
+            stage = low_to_high((low, high), per_cent)
+            rows.append((stage, str(len(decisions)), by_looking, by_knowing))
     title = f"moves saved by a decision, {size}x{size}, {terrains} terrains"
     print_table(title, ("cells known", "decisions", "found", "known"), rows)
 

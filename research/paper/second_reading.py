@@ -265,8 +265,11 @@ def passes_effect() -> tuple[str, ...]:
     return f"{mean:+.2f}", f"{mean - half:+.2f}", f"{mean + half:+.2f}"
 
 
-def held_out(column: str) -> tuple[str, ...]:
-    """A column of the full passes in the code's world on terrains kept apart, by seed."""
+def held_out(column: str) -> tuple[str, str]:
+    """A column of the full passes in the code's world on terrains kept apart.
+
+    Of the seeds whose episodes are mostly a U, and of the others.
+    """
     wanted = {"world": "code", "estimates": "code", "passes": "full", "level": "videos"}
     lines = [
         line
@@ -274,13 +277,18 @@ def held_out(column: str) -> tuple[str, ...]:
         if line["training"].items() >= wanted.items()
     ]
     lines.sort(key=lambda line: line["training"]["seed"])
-    return tuple(f"{100 * line['result'][column]:.1f}" for line in lines)
+    groups = (
+        [line["result"][column] for line in lines if (line["result"]["clean_u"] > 0.5) == is_maker]
+        for is_maker in (True, False)
+    )
+    makers, others = (" and ".join(f"{100 * share:.1f}" for share in group) for group in groups)
+    return makers, others
 
 
 def verdicts() -> tuple[str, ...]:
-    """How many definitions are reproduced, by the table of what is implemented."""
-    text = PAGE.read_text().split("## What is implemented")[1]
-    rows = [line for line in text.splitlines() if line.startswith("|`")]
+    """How many definitions are reproduced, by the tables of what is implemented."""
+    both = (page.read_text().split("## What is implemented")[1] for page in (PAGE, TRAININGS))
+    rows = [line for text in both for line in text.splitlines() if line.startswith("|`")]
     return (str(sum(line.endswith("|reproduced|") for line in rows)),)
 
 
@@ -419,7 +427,12 @@ FIGURES = (
         lambda: (to_rule("ppo-works", "99", 42), to_rule("ppo-works", "99", 84)),
     ),
     Figure("world", r"^- makes the difference: .*$", f"the world{EFFECT}", world_effect),
-    Figure("passes", r"^- undecided: .*$", f"the gradient steps{EFFECT}", passes_effect),
+    Figure(
+        "passes",
+        r"^- undecided whether enough to count: .*$",
+        f"the gradient steps{EFFECT}",
+        passes_effect,
+    ),
     Figure(
         "code, full",
         r"^\|videos\|full\|code\|.*$",
@@ -430,16 +443,23 @@ FIGURES = (
     ),
     Figure(
         "a U by seed",
-        r"By seed,",
-        r"By seed,\s+([\d.,\s]+?)\s%\s+make",
-        lambda: (", ".join(held_out("clean_u")),),
+        r"Most\s+episodes\s+are",
+        r"seeds: ([\d.]+) %.*it is ([\d.]+ and [\d.]+) %",
+        lambda: held_out("clean_u"),
         in_text=True,
     ),
     Figure(
         "completed",
-        r"By seed,",
-        r"make\s+one,\s+([\d.,\s]+?)\s%\s+complete",
-        lambda: (", ".join(held_out("explored")),),
+        r"Most\s+episodes\s+are",
+        r"where ([\d.]+) %.*where ([\d.]+ and [\d.]+) %",
+        lambda: held_out("explored"),
+        in_text=True,
+    ),
+    Figure(
+        "left",
+        r"Most\s+episodes\s+are",
+        r"and ([\d.]+) % leave.* and ([\d.]+ and [\d.]+) % leave",
+        lambda: held_out("out_of_bounds"),
         in_text=True,
     ),
     Figure("reproduced", r"^Of \d+ definitions: .*$", r"(\d+) reproduced", verdicts),
@@ -451,8 +471,8 @@ def on_the_page(figure: Figure, text: str) -> tuple[str, ...]:
     """The numbers of a figure as they stand on the page; empty if it has none."""
     for start in re.finditer(figure.row, text, re.M):
         paragraph = text[start.start() :].split("\n\n")[0] if figure.in_text else start[0]
-        if numbers := re.search(figure.pattern, paragraph):
-            return tuple(" ".join(number.split()) for number in numbers.groups())
+        if numbers := re.search(figure.pattern, " ".join(paragraph.split())):
+            return numbers.groups()
     return ()
 
 

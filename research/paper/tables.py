@@ -79,10 +79,14 @@ def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str
 
 def without_constants(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table without its constant columns, which a line above it has."""
+    if not rows:  # no column of theirs is constant
+        return markdown_table(columns, rows)
     cells = dict(zip(columns, zip(*rows, strict=True), strict=True))
     common = ", ".join(
         f"{name} {column[0]}" for name, column in cells.items() if len({*column}) == 1
     )
     varying = {name: column for name, column in cells.items() if len({*column}) > 1}
+    if not varying:
+        return f"In all rows: {common}."
     table = markdown_table([*varying], [*zip(*varying.values(), strict=True)])
     return f"In all rows: {common}.\n\n{table}" if common else table

@@ -3,10 +3,11 @@
     python -m research.speed.real_time [--presses 100] [--boards 12] [--seconds 60] [--json FILE]
 
 First a person presses keys in a real Chromium: FourRooms and Crafter in turns, Breakout in real
-time, as far as installed. A time goes from the key's event to the task after the animation frame
-with the picture which shows it; of Breakout that is the first on which the paddle stands elsewhere,
-two ticks after the key at the earliest. Beside it stands what step and picture take the environment
-itself. Then `--boards` people play Breakout for `--seconds`, the server and its boards' processes on
+time, as far as installed. In turns a time goes from the key's event to the task after the animation
+frame with the picture of the move. In real time it has two parts: from the key to the tick that took
+it, and from that tick to the task after the animation frame with its picture. Beside these stands
+what step and picture take the environment itself, as `humanplay doctor` measures them.
+Then `--boards` people play Breakout for `--seconds`, the server and its boards' processes on
 one core and the people on another, chain and commits on. The exit code is 1 where a board makes
 fewer than 59 ticks a second, or `verify` finds something. Wants a quiet machine.
 """
@@ -25,11 +26,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import httpx
 import numpy as np
@@ -38,40 +39,48 @@ from websockets.asyncio.client import connect
 from humanplay.board.controls import COUNTDOWN_S, late_share
 from humanplay.study.verification import verify_database
 from humanplay.task.registration import environment_of
-from humanplay.tasks.gymnasium.codes import ActionCodes
-from humanplay.tasks.gymnasium.configuration import own_config
+from humanplay.tasks.gymnasium.doctor import examine
 from tests.support.browser import AS_A_PERSON, NO_3D, QUIET, chromium_path, free_port
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 ROOMS, CRAFTER, BREAKOUT = (
     "minigrid:MiniGrid-FourRooms-v0", "humanplay.tasks.gymnasium.adapters:Crafter-v0", "ale_py:ALE/Breakout-v5",
 )  # fmt: skip
-MOST_MS = {ROOMS: 20, CRAFTER: 60, BREAKOUT: 30}
-"""What p95 is to stay under on a quiet machine."""
+IN_TURNS_MS, FROM_TICK_MS, TO_TICK_MS = 20.0, 25.0, 3.0
+"""What p95 is to stay under on a quiet machine: from key, or tick, to picture beside what step and
+picture take the environment, and from key to tick beside one tick."""
 PACKAGES = {CRAFTER: "crafter"}
 """What an environment needs where its module is ours."""
 LEAST_RATE = 59.0
-PADDLE = 190
-"""Row of Breakout's picture that the paddle is on."""
-PRESSED = """addEventListener("keydown", (event) => {
-  if (!event.repeat) [window.pressed, window.before] = [event.timeStamp, window.shown];
-}, true)"""
-WATCH = """(row) => {
-  const img = document.querySelector("img.picture"), canvas = document.createElement("canvas");
-  const context = canvas.getContext("2d", { willReadFrequently: true });
-  window.times = [];
+WATCH = """() => {
+  const img = document.querySelector("img.picture");
+  const now = () => performance.timeOrigin + performance.now();
+  let seen = -1;
+  window.pictures = [];
+  window.since = performance.now();
   const look = () => {
-    canvas.width = img.naturalWidth; canvas.height = 1;
-    context.drawImage(img, 0, -row);
-    window.shown = row ? context.getImageData(0, 0, canvas.width, 1).data.join() : window.times.length;
-    const at = window.pressed;
-    if (!at || (row && window.shown === window.before)) return;
-    window.pressed = null;
-    setTimeout(() => window.times.push(performance.now() - at));
+    setTimeout(() => {
+      const { step, picture } = window.playground.state.player.frame;
+      // a picture that is complete at once is decoded and shown with the frame that sets it
+      if (step !== seen && img.complete && img.src === picture) window.pictures.push([seen = step, now()]);
+    });
+    requestAnimationFrame(look);
   };
-  // the page sets a picture in an animation frame, and one that is complete at once is decoded and shown with that frame
-  new MutationObserver(() => img.complete && look()).observe(img, { attributes: true, attributeFilter: ["src"] });
-  img.addEventListener("load", () => window.pressed && requestAnimationFrame(look));
+  look();
 }"""
+
+
+class Press(NamedTuple):
+    """A key that went down.
+
+    to_tick_ms     to the tick that took it; None in turns
+    to_picture_ms  from there, or from the key, to the picture that shows it
+    """
+
+    to_tick_ms: float | None
+    to_picture_ms: float
 
 
 @contextmanager
@@ -104,57 +113,116 @@ def served(env: str, folder: Path, cores: set[int] | None = None) -> Iterator[tu
         process.wait(60)
 
 
-def own_ms(env: str, moves: int = 200) -> np.ndarray:
-    """Return the milliseconds that moves and pictures take the environment itself."""
-    environment = environment_of(f"gymnasium:{env}")
-    config = own_config(environment.configuration({}))
-    dice, times = random.Random(1), []
-    with closing(config.make(0)) as playable:
-        codes = ActionCodes(config.level, playable.action_space)
-        config.description.begin(playable, 0)
-        playable.render()
-        for number in range(1, moves + 1):
-            began = time.perf_counter()
-            ended = any(playable.step(codes.own(dice.randrange(codes.count)))[2:4])
-            playable.render()
-            times.append(1000 * (time.perf_counter() - began))
-            if ended:
-                config.description.begin(playable, number)
-    return np.array(times)
+class Log(NamedTuple):
+    """What a page noted while keys were pressed.
+
+    origin_ms  beginning of its clock, since the epoch
+    since_ms   by its clock, from when on keys count
+    pictures   steps of the frames that were shown, and when, since the epoch
+    """
+
+    episode: str
+    origin_ms: float
+    since_ms: float
+    pictures: list[tuple[int, float]]
 
 
-def key_to_picture(env: str, presses: int) -> np.ndarray:
-    """Return the milliseconds from each key to the picture that shows it."""
+def press_keys(page: Page, presses: int) -> Log:
+    """Press arrows at a person's pace on a board that is open."""
+    page.wait_for_function(
+        "() => document.querySelector('img.picture')?.complete && "
+        "window.playground.state.link === 'open'"
+    )
+    keys = page.evaluate("() => Object.values(window.playground.state.task.keys).flat()")
+    keys = [key for key in keys if key in ("ArrowLeft", "ArrowRight")]
+    if page.evaluate("() => window.playground.state.task.clock !== null"):
+        page.keyboard.press(keys[0])
+        page.wait_for_function("() => window.playground.state.player.clock.state === 'running'")
+    page.evaluate(WATCH)
+    dice = random.Random(1)
+    for number in range(presses):
+        key = keys[number % len(keys)]
+        page.keyboard.down(key)
+        page.wait_for_timeout(dice.randint(90, 150))
+        page.keyboard.up(key)
+        page.wait_for_timeout(dice.randint(150, 250))
+    noted = (
+        "() => [window.playground.state.player.frame.episode, performance.timeOrigin, "
+        "window.since, window.pictures]"
+    )
+    return Log(*page.evaluate(noted))
+
+
+def presses_of(log: Log, database: Path, has_clock: bool) -> list[Press]:
+    """The presses of a log that a picture shows."""
+    with closing(sqlite3.connect(database)) as conn:
+        sql = """SELECT client_ms, server_ms, step FROM input_events WHERE episode_id = ?
+            AND kind = 'keydown' AND NOT repeat AND client_ms >= ? ORDER BY number"""
+        downs = conn.execute(sql, [log.episode, log.since_ms]).fetchall()
+        sql = "SELECT server_ms, step FROM steps WHERE episode_id = ? ORDER BY step"
+        ticks = conn.execute(sql, [log.episode]).fetchall()
+    presses = []
+    for client_ms, came_ms, on_screen in downs:
+        key_ms = log.origin_ms + client_ms
+        from_ms, step = key_ms, on_screen
+        if has_clock:
+            # an event belongs to the ticks after it
+            from_ms, step = next((tick for tick in ticks if tick[0] > came_ms), (key_ms, np.inf))
+        shown_ms = next((at_ms for shown, at_ms in log.pictures if shown > step), None)
+        if shown_ms is not None:
+            presses.append(Press(from_ms - key_ms if has_clock else None, shown_ms - from_ms))
+    return presses
+
+
+def played(env: str, presses: int) -> list[Press]:
+    """The presses of a person who plays in a browser; RuntimeError without a server."""
     from playwright.sync_api import sync_playwright
 
     options = {"executable_path": chromium_path(), "args": [*QUIET, *NO_3D, *AS_A_PERSON]}
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        served(env, Path(folder)) as (url, _),
-        sync_playwright() as playwright,
-        playwright.chromium.launch(**options) as browser,
-    ):
-        page = browser.new_page(viewport={"width": 1440, "height": 900})
-        page.add_init_script(PRESSED)
-        page.goto(url)
-        page.wait_for_function(
-            "() => document.querySelector('img.picture')?.complete && "
-            "window.playground.state.link === 'open'"
-        )
-        keys = page.evaluate("() => Object.values(window.playground.state.task.keys).flat()")
-        keys = [key for key in keys if key in ("ArrowLeft", "ArrowRight")]
-        if ticks := page.evaluate("() => window.playground.state.task.clock !== null"):
-            page.keyboard.press(keys[0])
-            page.wait_for_function("() => window.playground.state.player.clock.state === 'running'")
-        page.evaluate(WATCH, PADDLE if ticks else 0)
-        dice = random.Random(1)
-        for number in range(presses):
-            key = keys[number % len(keys)]
-            page.keyboard.down(key)
-            page.wait_for_timeout(dice.randint(90, 150))
-            page.keyboard.up(key)
-            page.wait_for_timeout(dice.randint(150, 250))
-        return np.array(page.evaluate("() => window.times"))
+    with tempfile.TemporaryDirectory() as folder:
+        with (
+            served(env, Path(folder)) as (url, _),
+            sync_playwright() as playwright,
+            playwright.chromium.launch(**options) as browser,
+        ):
+            page = browser.new_page(viewport={"width": 1440, "height": 900})
+            page.goto(url)
+            log = press_keys(page, presses)
+        has_clock = environment_of(f"gymnasium:{env}").clock is not None
+        return presses_of(log, Path(folder) / "boards.db", has_clock)
+
+
+def p95_of(times_ms: Iterable[float]) -> float:
+    """Print the median and p95 of some times, and return p95."""
+    p50, p95 = np.percentile([*times_ms], (50, 95))
+    print(f"p50 {p50:.1f}, p95 {p95:.1f} ms", end="")
+    return float(p95)
+
+
+def measure_presses(env: str, presses: int) -> dict[str, float]:
+    """The times of an environment's presses, which it prints too."""
+    times = played(env, presses)
+    figures: dict[str, float] = {"presses": len(times)}
+    print(f"{env}, {len(times)} of {presses} presses", end="")
+    if not times:
+        print()
+        return figures
+    task = f"gymnasium:{env}"
+    examination = examine(task, seeds=1, steps=200)
+    own_ms = examination.step_ms + examination.picture_ms
+    clock, begins, most_ms = environment_of(task).clock, "key", IN_TURNS_MS
+    if clock:
+        begins, most_ms = "tick", FROM_TICK_MS
+        print("; from key to the tick that took it: ", end="")
+        ticks = [press.to_tick_ms for press in times if press.to_tick_ms is not None]
+        figures["to_tick_p95_ms"] = p95_of(ticks)
+        print(f", wanted {1000 / clock + TO_TICK_MS:.1f}", end="")
+    print(f"; from {begins} to picture: ", end="")
+    figures["to_picture_p95_ms"] = p95_of(press.to_picture_ms for press in times)
+    figures["environment_ms"] = own_ms
+    above_ms = figures["to_picture_p95_ms"] - own_ms
+    print(f", {above_ms:.1f} above the {own_ms:.1f} of step and picture, wanted {most_ms:g}")
+    return figures
 
 
 async def _play(url: str, number: int, seconds: float, begun: asyncio.Barrier) -> str:
@@ -276,24 +344,14 @@ def main() -> int:
     wanted = parser.parse_args()
     figures: dict[str, Any] = {"load": os.getloadavg()[0]}
     print(f"load average {figures['load']:.1f}, cores {len(os.sched_getaffinity(0))}", flush=True)
-    for env, most in MOST_MS.items() if wanted.presses else ():
+    for env in (ROOMS, CRAFTER, BREAKOUT) if wanted.presses else ():
         if find_spec(PACKAGES.get(env, env.partition(":")[0])) is None:
             print(f"{env}: its package is not installed")
             continue
         try:
-            times = key_to_picture(env, wanted.presses)
+            figures[env] = measure_presses(env, wanted.presses)
         except RuntimeError as error:
             print(f"{error}: it said why")
-            continue
-        p50, p95 = np.percentile(times, (50, 95)) if len(times) else (np.nan, np.nan)
-        own_p95 = np.percentile(own_ms(env), 95)
-        figures[env] = {"presses": len(times), "p50_ms": p50, "p95_ms": p95, "own_p95_ms": own_p95}
-        print(f"{env}: key to picture, {len(times)} of {wanted.presses} presses: ", end="")
-        print(f"p50 {p50:.1f}, p95 {p95:.1f} ms, ", end="")
-        print(
-            f"of which its own step and picture {own_p95:.1f}; wanted below {most}",
-            flush=True,
-        )
     fails = False
     if wanted.boards:
         rates, late, findings, size, cpu = many_boards(wanted.boards, wanted.seconds)

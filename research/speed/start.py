@@ -38,12 +38,10 @@ COLD_S, WARM_S = 8.0, 1.0
 """CPU seconds at most, cold and warm, interpreter included."""
 
 
-def seconds(code: str, cache: str) -> tuple[float, float]:
+def seconds(code: str, cache: str, python: str = sys.executable) -> tuple[float, float]:
     """(CPU, wall) seconds of a fresh process with the cache folder `cache`."""
     env = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONWARNINGS": "ignore"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([python, "-c", code], env=env, capture_output=True, text=True, check=True)
     worked, wall = done.stdout.split()
     return float(worked), float(wall)
 

@@ -45,6 +45,9 @@ function measure(name, value, text, low, high) {
   return create("div", [create("dl", [create("dt", name), create("dd", [text(value.mean), create("small", interval)])]), span], { class: "measure" });
 }
 
+/** What stands in a cell without a figure. */
+const NOTHING = "\u2013";
+
 /** @param {HTMLTableElement} table @param {Task} task @param {Admin.ConsoleStudy} study */
 export function paintPeople(table, task, study) {
   const rows = study.participants.map((person) => {
@@ -53,11 +56,12 @@ export function paintPeople(table, task, study) {
     const { ranked, warm_up: warmUp } = person;
     /** @type {Node[]} */
     const bar = ranked === null ? [] : [create("progress", [], { max: String(study.ranked), value: String(ranked), "aria-label": `Ranked episodes of ${person.label}` })];
-    const progress = person.stage === "warm_up" ? `warm-up ${warmUp} of ${study.warm_up}` : ranked === null ? "\u2013" : `${ranked} of ${study.ranked}`;
-    const numbers = [person.mean_steps?.toFixed(1) ?? "\u2013", person.mean_score === null ? "\u2013" : score(person.mean_score)].map((text) => create("td", text, { class: "number" }));
-    const cells = [create("th", [person.label, ...kind], { scope: "row" }), create("td", stageName(person.stage)), create("td", [...bar, progress]), ...numbers,
-      create("td", endings(task, person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", String(person.connections), { class: "number" }), create("td", `${person.minutes} min`, { class: "number" })];
-    return create("tr", cells, { "data-testid": `person-${person.label}`, "data-quiet": String(person.is_quiet), "data-stage": person.stage });
+    const progress = person.stage === "warm_up" ? `warm-up ${warmUp} of ${study.warm_up}` : ranked === null ? NOTHING : `${ranked} of ${study.ranked}`;
+    const number = (/** @type {string} */ text, /** @type {string} */ name) => create("td", text, { class: text === NOTHING ? "number absent" : "number", "data-name": name });
+    const means = [number(person.mean_steps?.toFixed(1) ?? NOTHING, `moves to ${task.target}`), number(person.mean_score === null ? NOTHING : score(person.mean_score), "score")];
+    const cells = [create("th", [person.label, ...kind], { scope: "row" }), create("td", stageName(person.stage)), create("td", [...bar, progress], progress === NOTHING ? { class: "absent" } : {}), ...means,
+      create("td", endings(task, person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), number(String(person.connections), "connections"), number(`${person.minutes} min`, "in all")];
+    return create("tr", cells, { "data-testid": `person-${person.label}`, "data-stage": person.stage });
   });
   if (rows.length === 0) rows.push(create("tr", create("td", "Nobody has joined yet.", { colspan: "9" })));
   table.tBodies[0].replaceChildren(...rows);

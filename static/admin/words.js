@@ -81,20 +81,21 @@ export function attention({ participants, labels }, health) {
 
 /** Return what an operator looks at first: recruitment, quality, payments, disk.
  * @param {Admin.ConsoleStudy} study @param {Admin.ServerHealth} health @returns {Glance[]} */
-export function glance(study, { disk, watched }) {
+export function glance(study, health) {
+  const { disk, watched } = health;
   const people = study.participants.filter(({ kind }) => kind === "human");
   const through = people.filter(({ stage }) => THROUGH.includes(stage)).length;
   const agreed = people.filter(({ stage, left_at: left }) => stage !== "consent" && left !== "consent").length;
   const places = study.cap === null ? "" : `, ${study.places_taken} of ${many(study.cap, "place")} taken`;
   const links = study.invitations.filter(({ state }) => state === "issued").length;
-  const warnings = attention(study, null).filter(({ isWarning }) => isWarning).length;
+  const warnings = attention(study, health).filter(({ isWarning }) => isWarning).length;
   const flagged = study.labels.reduce((sum, { episodes }) => sum + episodes, 0);
   const without = study.outcomes.filter(({ text }) => !text).length;
   const age_ms = 1000 * watched.backup_age_seconds;
   return [
-    { name: "Recruitment", number: `${through} of ${study.planned}`, detail: `through; ${many(people.length, "person has", "people have")} come${places}${links ? `, ${many(links, "link")} not opened` : ""}`, isWarning: false },
-    { name: "Quality", number: String(warnings), detail: `to look at; ${many(flagged, "flag")} on episodes`, isWarning: warnings > 0 },
-    { name: "Payments", number: String(agreed), detail: `${agreed === 1 ? "has" : "have"} agreed; ${without ? `${many(without, "ending has", "endings have")} no text` : "every ending has a text"}`, isWarning: false },
+    { name: "Recruitment", number: `${through} of ${study.planned}`, detail: `have played all; ${many(people.length, "person has", "people have")} come${places}${links ? `, ${many(links, "link")} not opened` : ""}`, isWarning: false },
+    { name: "Quality", number: String(warnings), detail: `${warnings === 1 ? "warning" : "warnings"} below; ${many(flagged, "flag")} on episodes`, isWarning: warnings > 0 },
+    { name: "Payments", number: String(agreed), detail: `agreed to take part; ${without ? `${many(without, "outcome has", "outcomes have")} no text yet` : "every outcome has a text"}`, isWarning: false },
     { name: "Disk", number: size(disk.free), detail: `free; ${age_ms < 0 ? "no backup is made" : `backup ${ago(age_ms)}`}`, isWarning: disk.is_low },
   ];
 }
@@ -114,6 +115,7 @@ export function flags(person, labels) {
   const own = labels.filter(({ participants }) => participants.includes(person.label)).map(({ label }) => label);
   if (person.deviations) own.unshift("deviation");
   if (person.supervised_ms !== null) own.unshift("supervised");
+  if (person.is_quiet) own.unshift("no sign for half an hour");
   own.push(...person.repeated, ...person.not_attested);
   return own.join(", ");
 }

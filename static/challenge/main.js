@@ -21,6 +21,7 @@ async function load() {
     const [task, { run }] = await Promise.all([loadTask(), api.replay(episode)]);
     shown = { task, run };
     put(by("status"), "");
+    put(by("rules"), task.standing ?? "");
     by("take").setAttribute("href", `../#challenge=${encodeURIComponent(episode)}`);
     repaint();
     const people = /** @type {Answers.Challenger[]} */ (await request(`episodes/${encodeURIComponent(episode)}/challengers`));

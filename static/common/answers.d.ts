@@ -140,6 +140,10 @@ declare namespace Answers {
     key: string | null,
     /** null until the day is over */
     seed: number | null,
+    /** the nearest day before it with a terrain */
+    older: string | null,
+    /** the nearest day after it with a terrain, up to today */
+    newer: string | null,
   };
   /** The participant's own figures, at the end. */
   type Debrief = {
@@ -518,6 +522,8 @@ declare namespace Answers {
     terrains: number,
     /** terrains before there is a place */
     missing: number,
+    /** yours on which Expert has not driven yet */
+    comparing: number,
   };
   /** How a policy's session moves. */
   type Pace = {
@@ -529,6 +535,8 @@ declare namespace Answers {
   type Participation = {
     study: string,
     title: string,
+    /** in which the study is offered */
+    languages: string[],
     task: Task,
     /** what the participant can quote */
     participant: string,
@@ -686,6 +694,8 @@ declare namespace Answers {
     terrains: number,
     /** moves that it saves on the terrain itself */
     here: number,
+    /** rows and columns that come in sight there within eight moves, by the first move */
+    shows: Record<string, [number, number][]>,
   };
   /** The puzzles of today (UTC), the same for everybody. */
   type Puzzles = {
@@ -755,6 +765,8 @@ declare namespace Answers {
     modality: "keyboard" | "touch" | null,
     palette: "standard" | "colour-blind" | "high-contrast",
     keys: Record<string, string[]> | null,
+    /** null if the study is offered in one alone */
+    language: string | null,
   };
   /** Where a figure comes from that came with the package. */
   type Shipped = {
@@ -799,9 +811,11 @@ declare namespace Answers {
     /** of scale: its high end */
     high?: string | null,
     /** of number */
-    least?: number | null,
-    /** of number, and of text the characters */
-    most?: number | null,
+    minimum?: number | null,
+    /** of number */
+    maximum?: number | null,
+    /** of text: its characters at most */
+    max_length?: number | null,
     /** of number */
     whole?: boolean | null,
     /** of number */
@@ -897,6 +911,10 @@ declare namespace Answers {
     key: string | null,
     /** null until the day is over */
     seed: number | null,
+    /** the nearest day before it with a terrain */
+    older: string | null,
+    /** the nearest day after it with a terrain, up to today */
+    newer: string | null,
     /** server time, milliseconds since 1970 */
     now_ms: number,
     /** when the next day begins */
@@ -1002,6 +1020,10 @@ declare namespace Socket {
     ms: number,
     /** why it stands, where that is not the page's doing */
     reason: string | null,
+    /** of `reason` in the page's texts */
+    ident: string | null,
+    /** of its placeholders */
+    values: Record<string, string> | null,
   };
   /** The answer to `Events`: all are stored, or none. None with a reason is final; none without a reason means send them again. */
   type EventsAnswer = {

@@ -1,6 +1,7 @@
 // The HTTP API, one function for each route. Addresses follow from this module's own, so any mount point works.
 
 import { loadTask } from "./task.js";
+import { LANGUAGE, t } from "./texts.js";
 
 /** An answer that was not a success; `status` is 0 when no answer came at all. */
 export class ApiError extends Error {
@@ -11,11 +12,16 @@ export class ApiError extends Error {
   }
 }
 
+/** Statuses of the server's limits and of a full disk, whose sentences are in English. */
+const OF_LIMITS = [429, 507];
+
 /** @param {unknown} detail @param {number} status @returns one readable sentence from FastAPI's `detail` */
 export function readDetail(detail, status) {
+  if (status === 500) return t("link.failed", "The fault is the server's, and it has noted it. Try again in a moment.");
+  if (OF_LIMITS.includes(status) && LANGUAGE !== "en") return t("link.busy", "The server takes no more of this at the moment, and nothing has changed. Try again later.");
   if (typeof detail === "string" && detail) return detail;
   if (Array.isArray(detail)) return detail.map((item) => `${(item.loc ?? []).slice(1).join(" ")} ${item.msg}`.trim()).join("; ");
-  return `The server answered ${status}.`;
+  return t("link.status", "The server answered {status}.", { status });
 }
 
 /** A signal that aborts by itself; Debian 12's TypeScript does not know `AbortSignal.timeout` yet. */
@@ -36,13 +42,15 @@ const ANSWERS = JSON.parse(find("#answers")?.textContent ?? "{}");
  * asked for again when the server says when (503 with Retry-After).
  * @type {ApiRequest} */
 export const request = async (path, body, timeout_ms = 15000, rest = {}) => {
-  const options = body === undefined ? {} : { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
+  const language = { "accept-language": LANGUAGE };
+  const options = body === undefined ? { headers: language }
+    : { method: "POST", headers: { ...language, "content-type": "application/json" }, body: JSON.stringify(body) };
   const until = Date.now() + timeout_ms;
   let response;
   try {
     response = await fetch(`${ROOT}api/${path}`, { ...options, cache: "no-store", signal: Timer.timeout(timeout_ms), ...rest });
   } catch {
-    throw new ApiError("The server cannot be reached.", 0);
+    throw new ApiError(t("link.unreachable", "The server cannot be reached."), 0);
   }
   const wait_ms = response.status === 503 && body === undefined ? 1000 * Number(response.headers.get("retry-after")) : 0;
   if (wait_ms > 0 && Date.now() + wait_ms < until) {

@@ -1,6 +1,7 @@
 // A board on which time runs: its presses leave at once, and a card over it says that it stands still or counts down.
 // The server makes the moves, from the keys that are held; the page sends none.
 import { create, put } from "./page.js";
+import { spoken, t } from "./texts.js";
 
 /** How often the countdown is painted, ms. */
 const PAINTED_MS = 100;
@@ -11,13 +12,16 @@ const PAINTED_MS = 100;
 export function cardOf(clock, frame, frames, isTouch, passed_ms) {
   if (!clock || !frame || frame.outcome !== null || clock.state === "running") return null;
   if (clock.state === "countdown") return { title: String(Math.max(1, Math.ceil((clock.ms - passed_ms) / 1000))), line: "" };
-  const press = isTouch ? "Tap here or a button" : "Press one of your keys";
-  if (frame.step === 0) return { title: "Ready?", line: `Time runs here: ${frames} frames a second, from a countdown on. ${press} to begin.` };
-  return { title: "Paused", line: `${clock.reason ?? "Time stands still."} ${press} to go on; what was held is let go.` };
+  const press = isTouch ? t("clock.tap", "Tap here or a button") : t("clock.press", "Press one of your keys");
+  if (frame.step === 0) return { title: t("clock.ready", "Ready?"), line: t("clock.ready_line", "Time runs here: {frames} frames a second, from a countdown on. {press} to begin.", { frames, press }) };
+  const reason = clock.reason ? spoken(clock, clock.reason) : t("clock.still", "Time stands still.");
+  return { title: t("pause.title", "Paused"), line: t("clock.paused_line", "{reason} {press} to go on; what was held is let go.", { reason, press }) };
 }
 
 /** @param {Socket.RepeatProgress} remade @returns what the card says while an environment that was lost is made again */
-export const remadeOf = ({ done, of }) => ({ title: "One moment", line: `The environment was lost. It is made again: move ${done} of ${of}.` });
+export const remadeOf = ({ done, of }) => ({
+  title: t("loading.title", "One moment"), line: t("clock.remade", "The environment was lost. It is made again: move {done} of {of}.", { done, of }),
+});
 
 /** Return the part of a page for a board on a clock; without one it hands everything on.
  *   place   shows the card

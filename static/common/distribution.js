@@ -24,6 +24,15 @@ export function binsOf(counts, others, most = 16) {
   return bins;
 }
 
+/** @param {Bin[]} bins @returns the edges of columns that the axis names: some four of them, the first among them */
+export function edgesOf(bins) {
+  const stride = Math.ceil(bins.length / 4);
+  return [...bins.map(({ from }) => from), bins[bins.length - 1].to].filter((_, index) => index % stride === 0);
+}
+
+/** @param {number} most people in a column @returns {number[]} the numbers of people that have a line */
+export const peopleLines = (most) => (most % 2 ? [most] : [most / 2, most]);
+
 /** Return the rows in which labels at these places stand without lying over each other, null where there is no room.
  * @param {{at: number, width: number}[]} labels sorted by `at`, their middle @param {number} rows */
 export function rowsOf(labels, rows) {
@@ -77,12 +86,13 @@ export function paintDistribution(place, { target, counts, you, marks = [] }) {
   const columns = (/** @type {string} */ colour, /** @type {(bin: Bin) => boolean} */ takes) => ({
     colour, dash: [], isColumns: true, x: bins.map(({ from, to }) => (from + to) / 2), y: bins.map((bin) => (takes(bin) ? bin.count : NaN)),
   });
+  const most = Math.max(1, ...bins.map(({ count }) => count));
   looks.set(place, () => {
     const colours = chartColours(place);
     return {
       ...colours, edges: { left: 32, right: 32, top: 40, bottom: 24 + (marks.length ? 3 * ROW : 0) },
-      x: { low, high, ticks: [low, high], text: (moves) => (moves === low ? many(moves, "move") : String(moves)) },
-      y: { low: 0, high: Math.max(1, ...bins.map(({ count }) => count)), ticks: [], text: String },
+      x: { low, high, ticks: edgesOf(bins), text: (moves) => (moves === low ? many(moves, "move") : String(moves)) },
+      y: { low: 0, high: most, ticks: peopleLines(most), text: String },
       lines: [columns(colours.inks.base, (bin) => !isYours(bin)), columns(colours.you, isYours)],
       over: (context, at) => {
         context.textAlign = "center";

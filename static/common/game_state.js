@@ -1,4 +1,5 @@
 // The whole state of the page in one object. `apply` returns the next state and changes nothing that it was given.
+import { spoken } from "./texts.js";
 
 /** @returns {GameState} */
 export function initialState() {
@@ -121,7 +122,7 @@ function applied(state, event) {
       if (isOver && next.rival?.isReplay) next.rival = null;
       if (event.message.kind === "error") {
         const { detail } = event.message;
-        return noticed(next, plainly(state.task, detail), isGettingReady(detail) ? "note" : "error");
+        return noticed(next, plainly(state.task, spoken(event.message, detail)), isGettingReady(detail) ? "note" : "error");
       }
       const isMoved = (next[event.role]?.frame.step ?? 0) > (state[event.role]?.frame.step ?? 0);
       return isMoved && state.notices.length ? { ...next, notices: state.notices.filter(({ text }) => !isGettingReady(text)) } : next;

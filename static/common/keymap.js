@@ -3,6 +3,7 @@ import { codesOf } from "./keyboard.js";
 import { by, create, put } from "./page.js";
 import { browserStore } from "./storage.js";
 import { keyName } from "./task.js";
+import { t } from "./texts.js";
 import { actionText } from "./words.js";
 
 /** Where the keys are that were chosen to drive, a map for each task. */
@@ -29,10 +30,11 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
       const slot = Number(button.dataset.slot);
       const isAwaited = awaited?.action === action && awaited.slot === slot;
       const code = keys()[action][slot];
-      put(button, isAwaited ? "press a key" : keyName(code, layout));
+      put(button, isAwaited ? t("keys.press", "press a key") : keyName(code, layout));
       button.dataset.awaited = String(isAwaited);
-      const spoken = isAwaited ? "press the key you want" : spokenKey(code, layout);
-      button.setAttribute("aria-label", `${actionText(action)}, ${slot === 0 ? "first" : "second"} key: ${spoken}`);
+      const spoken = isAwaited ? t("keys.press_wanted", "press the key you want") : spokenKey(code, layout);
+      const named = { action: actionText(action), key: spoken };
+      button.setAttribute("aria-label", slot === 0 ? t("keys.first", "{action}, first key: {key}", named) : t("keys.second", "{action}, second key: {key}", named));
     }
   }
   /** @param {Action} action @param {number} slot */
@@ -49,13 +51,13 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
     awaited = null;
     onChange({ ...own });
     paint();
-    say("The keys are reset.");
+    say(t("keys.are_reset", "The keys are reset."));
   });
   by("keymap").addEventListener("click", (event) => {
     const button = /** @type {Element} */ (event.target).closest("button");
     if (!button) return;
     awaited = { action: /** @type {Action} */ (button.dataset.drive), slot: Number(button.dataset.slot) };
-    say(`Press the key for ${actionText(awaited.action)}; Escape leaves it as it is.`);
+    say(t("keys.press_for", "Press the key for {action}; Escape leaves it as it is.", { action: actionText(awaited.action) }));
     paint();
   });
   dialog.addEventListener("keydown", (event) => {
@@ -71,7 +73,7 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
     awaited = null;
     onChange(changed);
     paint();
-    say(`${keyName(code, layout)} is now ${actionText(action)}.`);
+    say(t("keys.now", "{key} is now {action}.", { key: keyName(code, layout), action: actionText(action) }));
   });
   dialog.addEventListener("close", leave);
   /** @type {Navigator & {keyboard?: {getLayoutMap?: () => Promise<Study.Layout>}}} */ (navigator).keyboard?.getLayoutMap?.().then((map) => {
@@ -95,7 +97,10 @@ export function startKeymap(dialog, { keys, onChange, onLayout }) {
 }
 
 const MOVING = /^(Key[A-Z]|Digit\d|Numpad\w+|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote|Bracket(Left|Right)|Backslash|Minus|Equal|Backquote|Intl\w+|Home|End|PageUp|PageDown|Insert|Delete)$/;
-const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
+const SPOKEN = {
+  ArrowUp: t("keys.arrow_up", "arrow up"), ArrowRight: t("keys.arrow_right", "arrow right"), ArrowDown: t("keys.arrow_down", "arrow down"),
+  ArrowLeft: t("keys.arrow_left", "arrow left"),
+};
 
 /** @param {string} code @returns whether a key may drive: Tab, Enter, Escape, space and the like stay with the page */
 export const mayDrive = (code) => MOVING.test(code) && code !== "NumpadEnter";
@@ -107,7 +112,7 @@ const canChange = (keys) => Object.values(keys).flat().every(mayDrive);
  * one it replaces.
  * @param {Keys} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code @returns {Keys | string} */
 export function assign(keys, action, slot, code) {
-  if (!mayDrive(code)) return `${keyName(code)} cannot be chosen: take a letter, a digit, an arrow or a number-pad key.`;
+  if (!mayDrive(code)) return t("keys.cannot", "{key} cannot be chosen: take a letter, a digit, an arrow or a number-pad key.", { key: keyName(code) });
   const old = keys[action][slot];
   return Object.fromEntries(Object.entries(keys).map(([each, codes]) => [each, codes.map((known, place) => {
     if (each === action && place === slot) return code;
@@ -153,12 +158,12 @@ export const spokenKey = (code, layout) => /** @type {Record<string, string>} */
 export function paintKeys({ allowed, order }, keys, layout) {
   const slots = [...Array(Math.min(2, ...order.map((action) => keys[action]?.length ?? 0))).keys()];
   const key = (/** @type {Action} */ action, slot = 0) => create("kbd", keyName(keys[action][slot] ?? "", layout));
-  const alone = () => slots.flatMap((slot) => [...(slot ? [" or "] : []), ...order.map((action) => key(action, slot))]);
+  const alone = () => slots.flatMap((slot) => [...(slot ? [` ${t("keys.or", "or")} `] : []), ...order.map((action) => key(action, slot))]);
   const named = () => order.flatMap((action) => [create("span", [key(action), ` ${actionText(action)}`], { "data-key-of": action }), " "]);
   for (const line of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-keys]"))) {
     if (line.dataset.keys === "alone") line.replaceChildren(...alone());
     else if (line.dataset.keys === "first") line.replaceChildren(...order.map((action) => key(action)));
-    else if (!allowed || !line.matches(".keys")) line.replaceChildren(...alone(), ` for ${order.map(actionText).join(", ")}`);
+    else if (!allowed || !line.matches(".keys")) line.replaceChildren(...alone(), ` ${t("keys.for", "for {actions}", { actions: order.map(actionText).join(", ") })}`);
     else line.replaceChildren(...named());
   }
 }

@@ -1,4 +1,5 @@
 // What every page does with its elements: finds them by id, makes them, and changes only what is new.
+import { t } from "./texts.js";
 
 /** Return the element of an id; TypeError where the page has none of that id and kind.
  * @template {Element} [T=HTMLElement] @param {string} id
@@ -40,15 +41,16 @@ export function put(element, text) {
 /** @param {string} text @returns whether it is on the clipboard; a page without TLS has none */
 export const copied = async (text) => Boolean(await navigator.clipboard?.writeText(text).then(() => true, () => false));
 
-/** Let a button copy a link; where there is no clipboard it shows the link to be copied by hand.
- * @param {HTMLElement} button @param {() => string} link @param {(text: string) => void} announce to screen readers */
-export function copyOnClick(button, link, announce) {
+/** Let a button copy a link, or a text with one; where there is no clipboard it shows it to be copied by hand.
+ * @param {HTMLElement} button @param {() => string} link @param {(text: string) => void} announce to screen readers
+ * @param {{done: string, byHand: string}} says the button when it is copied, and what asks to copy it by hand */
+export function copyOnClick(button, link, announce, { done, byHand } = { done: t("copy.done", "Link copied"), byHand: t("copy.by_hand", "Copy this link:") }) {
   button.addEventListener("click", async () => {
-    if (!(await copied(link()))) return void window.prompt("Copy this link:", link());
+    if (!(await copied(link()))) return void window.prompt(byHand, link());
     const name = button.textContent ?? "";
-    if (name === "Link copied") return;
-    put(button, "Link copied");
-    announce("Link copied");
+    if (name === done) return;
+    put(button, done);
+    announce(done);
     setTimeout(() => put(button, name), 2000);
   });
 }
@@ -57,7 +59,7 @@ export function copyOnClick(button, link, announce) {
  * @param {HTMLElement} root @param {GameState["notices"]} notices @param {(id: number) => void} dismiss */
 export function paintNotices(root, notices, dismiss) {
   root.replaceChildren(...notices.map(({ id, text, tone }) => {
-    const button = create("button", "Dismiss", { type: "button", class: "quiet" });
+    const button = create("button", t("notice.dismiss", "Dismiss"), { type: "button", class: "quiet" });
     button.onclick = () => dismiss(id);
     return create("p", [text, button], { "data-tone": tone });
   }));
@@ -69,8 +71,8 @@ export function paintNotices(root, notices, dismiss) {
 export function paintLink(root, link, whenOpen) {
   root.dataset.link = link;
   const words = /** @type {HTMLElement} */ (root.lastElementChild);
-  if (link !== "lost") put(words, { connecting: "connecting", open: whenOpen }[link]);
-  else if (!words.firstElementChild) words.replaceChildren("connection lost", create("span", ", trying again", { class: "long" })); // wide screens alone have room
+  if (link !== "lost") put(words, { connecting: t("bar.connecting", "connecting"), open: whenOpen }[link]);
+  else if (!words.firstElementChild) words.replaceChildren(t("bar.lost", "connection lost"), create("span", t("bar.trying", ", trying again"), { class: "long" })); // wide screens alone have room
 }
 
 /** Schedule one repaint for the next frame, however often it is asked for.
@@ -92,9 +94,13 @@ export function createRepaint(paint) {
   return repaint;
 }
 
-/** Return what calls a function a quarter of a second later, with what it was given last, however often it is called meanwhile.
- * @template {unknown[]} T @param {(...given: T) => void} work */
-export function createSlow(work) {
+/** How long a curve waits where time runs: it is painted four times a second. */
+export const SLOW_MS = 250;
+
+/** Return what calls a function later, with its last arguments, however often it is called meanwhile.
+ * @template {unknown[]} T @param {(...given: T) => void} work
+ * @param {number} wait_ms 0 in an animation frame: once that frame has been painted */
+export function createSlow(work, wait_ms) {
   /** @type {T | null} */
   let newest = null;
   return (/** @type {T} */ ...given) => {
@@ -103,7 +109,7 @@ export function createSlow(work) {
         const last = /** @type {T} */ (newest);
         newest = null;
         work(...last);
-      }, 250);
+      }, wait_ms);
     }
     newest = given;
   };
@@ -141,7 +147,7 @@ export function reader(element) {
  * @param {Element} element the board's canvas, or anything around it */
 export function boardColours(element) {
   const read = reader(element);
-  return { you: read("--board-you"), policy: read("--board-policy"), better: read("--board-better"), casing: read("--board-casing") };
+  return { you: read("--board-you"), policy: read("--board-policy"), better: read("--board-better"), casing: read("--board-casing"), alarm: read("--board-alarm") };
 }
 
 /** Return the colours of a chart, which follow the theme of the page, and the face of its numbers.

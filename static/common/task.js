@@ -1,6 +1,7 @@
 // The task of a page: its module, and the parts of the page that differ from task to task.
 import { request } from "./api.js";
 import { create, put } from "./page.js";
+import { fixed, t } from "./texts.js";
 import { actionText, capital } from "./words.js";
 
 /** Return what a page knows of a task: of the one that the server plays where none is named.
@@ -15,7 +16,7 @@ export async function loadTask(about) {
  * @param {Pick<Task, "allowed">} task @param {Frame} frame @param {Action} action */
 export function forbidden(task, frame, action) {
   const allowed = task.allowed?.(frame) ?? null;
-  return allowed === null || allowed.includes(action) ? null : `${capital(actionText(action))} cannot be chosen now`;
+  return allowed === null || allowed.includes(action) ? null : t("play.forbidden", "{action} cannot be chosen now", { action: capital(actionText(action)) });
 }
 
 /** Paint the buttons and the named keys of what cannot be chosen grey.
@@ -31,7 +32,7 @@ export function paintAllowed(task, frame) {
 
 /** Return how long an episode has been, in moves or, where time runs, in seconds.
  * @param {Pick<Answers.Task, "clock">} task @param {number} step */
-export const lengthOf = ({ clock }, step) => (clock ? (step / clock).toFixed(1) : String(step));
+export const lengthOf = ({ clock }, step) => (clock ? fixed(step / clock, 1) : String(step));
 
 /** Paint moves and headline of a board, and return the headline.
  * @param {Record<string, HTMLElement>} part @param {Task} task @param {Frame} frame */
@@ -50,11 +51,11 @@ const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", Arro
 const hasSwipes = (taskKeys) => Object.values(taskKeys).flat().some((code) => code in DIRECTIONS);
 
 /** Leave out of a page what it says of other tasks, and put the task's actions on the pad.
- * @param {Task} task */
-export function showTask({ order, keys, chart, parts, round, has_boards: hasBoards }) {
+ * @param {Task} task @param {boolean} [isWorded] whether the page came in the task's own words */
+export function showTask({ order, keys, chart, parts, round, has_boards: hasBoards }, isWorded = false) {
   for (const link of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-of-boards]"))) link.hidden = !hasBoards;
   for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-swipe]"))) part.hidden = !hasSwipes(keys);
-  if (round !== "terrain") renameTerrain(round);
+  if (round !== "terrain" && !isWorded) renameTerrain(round);
   if (!parts) document.body.dataset.view = "matrix";
   for (const name of document.querySelectorAll("[data-part=chart-title]")) name.textContent = chart.title;
   const pad = document.querySelector(".pad");
@@ -78,7 +79,7 @@ function renameTerrain(word) {
 
 /** @param {Action} action @param {string} code of its first key */
 function padButton(action, code) {
-  const button = create("button", [], { type: "button", "data-action": action, "data-testid": `pad-${action}`, "aria-label": action });
+  const button = create("button", [], { type: "button", "data-action": action, "data-testid": `pad-${action}`, "aria-label": actionText(action) });
   const path = /** @type {Record<string, string>} */ (DIRECTIONS)[code];
   if (path) button.innerHTML = `<svg viewBox="0 0 20 20" aria-hidden="true"><path d="${path}"/></svg>`;
   else button.append(actionText(action));

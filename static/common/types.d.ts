@@ -94,7 +94,7 @@ type Frame = {
 };
 type MoveHistory = {kind: "history", episode: string};
 type Refused = {kind: "refused", reason: string, frame: Frame};
-type Problem = {kind: "error", detail: string};
+type Problem = {kind: "error", detail: string, ident?: string | null, values?: Record<string, string> | null};
 type Pace = Answers.Pace;
 /** Whether time runs on a board with a clock; ms: of the countdown. */
 type ClockState = Socket.ClockState;

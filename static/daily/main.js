@@ -39,7 +39,10 @@ sizes.watch(part.matrix);
 /** @type {Board | null} */
 let painted = null;
 const repaint = createRepaint(paint);
-addEventListener("theme", () => repaint());
+addEventListener("theme", () => {
+  repaint();
+  paintRoutes();
+});
 
 const { moves, telemetry, clock, keys } = startInput({
   task, onClock: () => (isDriven(state) ? state.player : null), board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
@@ -134,7 +137,13 @@ async function begin() {
     paintCalendar(today.calendar);
     put(by("commitment"), today.commitment);
     startCountdown(today);
-    showPast(today).catch((error) => dispatch({ kind: "notice", text: error.message }));
+    document.body.dataset.past = String(dayInAddress(today) !== "");
+    const past = showPast(today).catch((error) => {
+      document.body.dataset.past = "false";
+      dispatch({ kind: "notice", text: error.message });
+    }).finally(() => { document.body.dataset.whole = "true"; });
+    if (dayInAddress(today)) await past;
+    if (document.body.dataset.past === "true") return;
     if (today.attempt?.state === "ended") await showEnded(today.attempt.episode);
     else dispatch({ kind: "begun", about: await withTask(request("daily", {})) });
   } catch (error) {
@@ -176,7 +185,7 @@ async function showRoutes(best, own) {
   const courses = await Promise.all([best, ...(own && own !== best ? [own] : [])].map(async (id) => (await api.replay(id)).run));
   const figures = courses.map((course, index) => {
     const name = index || best === own ? "You" : "The best";
-    const place = create("div", create("canvas", [], { role: "img" }), { class: "matrix" });
+    const place = create("div", create("canvas", [], { role: "img", width: "0", height: "0" }), { class: "matrix" });
     return { course, name, place, figure: create("figure", [create("figcaption", `${name}: ${many(course.actions.length, "move")}`), place]) };
   });
   by("routes").replaceChildren(...figures.map(({ figure }) => figure));
@@ -206,10 +215,12 @@ function paintResults({ day, attempt, people, policies }) {
     watch: `${ROOT}watch/${encodeURIComponent(attempt.episode)}`, play: ROOT, episodes: `${ROOT}me`,
   });
   const marks = policies.flatMap(({ name, moves }) => (moves === null || task.isInformed?.(name) ? [] : [{ name: task.nameOf(name), moves }]));
+  // one person's column beside nobody's says nothing
+  by("distribution").hidden = !marks.length && people.moves.reduce((sum, [, count]) => sum + count, 0) < 2;
   paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: task.successes.includes(attempt.outcome ?? "") ? attempt.moves : null, marks });
   put(by("people-note"), peopleText(task, people));
   by("policies").replaceChildren(...policyItems(rows));
-  by("results").hidden = false;
+  by("results").hidden = by("policies-part").hidden = false;
 }
 
 /** Show what a player's attempt came to, and the policies as soon as they are ready.
@@ -227,13 +238,29 @@ async function showResults(day) {
   }
 }
 
-/** Show the results of the day before, or of the past day in the address.
- * @param {Answers.Today} now */
-async function showPast({ day: nowadays, yesterday }) {
+/** @param {Answers.Today} now @returns the past day in the address, "" where there is none */
+function dayInAddress({ day }) {
   const chosen = location.pathname.split("/").at(-1) ?? "";
-  const isChosen = /^\d{4}-/.test(chosen) && chosen < nowadays;
-  const past = isChosen ? /** @type {Answers.Day} */ (await request(`daily/${chosen}`)) : yesterday;
+  return /^\d{4}-/.test(chosen) && chosen < day ? chosen : "";
+}
+
+/** Lead to the days with a terrain beside a past one; before the first there is none, and today has a link of its own.
+ * @param {Answers.Day} past @param {string} nowadays */
+function paintDays({ older, newer }, nowadays) {
+  const before = older ? [create("a", `\u2039 ${dayText(older)}`, { href: `${ROOT}daily/${older}` })] : [];
+  const after = newer && newer !== nowadays ? [create("a", `${dayText(newer)} \u203a`, { href: `${ROOT}daily/${newer}` })] : [];
+  by("days").replaceChildren(...before, ...after, create("a", `Today's ${task.round}`, { class: "go", href: `${ROOT}daily` }));
+  by("days").hidden = false;
+}
+
+/** Show the results of the day before, or of the past day in the address, which has the page to itself.
+ * @param {Answers.Today} now */
+async function showPast(now) {
+  const { day: nowadays, yesterday } = now;
+  const chosen = dayInAddress(now);
+  const past = chosen ? /** @type {Answers.Day} */ (await request(`daily/${chosen}`)) : yesterday;
   if (!past) return;
+  if (chosen) paintDays(past, nowadays);
   const { day, commitment, key } = past;
   put(by("key"), key ?? "");
   put(by("key-commitment"), commitment);
@@ -242,12 +269,12 @@ async function showPast({ day: nowadays, yesterday }) {
   const { attempt, people, policies } = /** @type {Answers.Results} */ (await request(`daily/${day}/results`));
   const isYesterday = day === yesterday?.day;
   put(by("yesterday-title"), isYesterday ? `Yesterday, ${dayText(day)}` : dayText(day));
+  if (document.body.dataset.past === "true") by("yesterday-title").setAttribute("aria-level", "1"); // it has the page to itself
   put(by("key-of"), isYesterday ? "Yesterday's key" : `The key of ${dayText(day)}`);
   const best = bestRows(task, people.table).slice(0, 5).map((level) => row(whoText(level), level.text, level.you ? "you" : "person", level.episode ?? undefined));
   by("yesterday-rows").replaceChildren(...best, ...policyItems(policyRows(task, policies.filter(({ moves }) => moves !== null), null)));
   put(by("yesterday-note"), peopleText(task, people));
   by("yesterday").hidden = false;
-  if (isChosen) by("yesterday").scrollIntoView({ block: "nearest" });
   const first = people.table[0]?.episode ?? null;
   const own = attempt?.state === "ended" ? attempt.episode : null;
   if (first ?? own) await showRoutes(/** @type {string} */ (first ?? own), own);

@@ -1,6 +1,6 @@
 // The table of ranks: a row for each explorer, its interval on the common scale, the people's mean as a line through all rows.
 import { paintChart, paintLegend } from "../common/chart.js";
-import { ticks, tickText } from "../common/chart_scale.js";
+import { span, ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create } from "../common/page.js";
 import { many } from "../common/words.js";
 import { coverageEnd, curveText, intervalText, missingText, shown, source } from "./standing.js";
@@ -165,9 +165,9 @@ export function paintTrials({ chart, legend, note }, task, trials, rows, measure
     ({ colour, dash: dashes(dash), x: [left, right], y: [mean, mean] }));
   const own = { colour: who.colour, dash: [], hasWhiskers: true, dot: 3.2, x: trials.map(({ trial }) => trial),
     y: values.map(({ mean }) => mean), low: values.map(({ low }) => low), high: values.map(({ high }) => high) };
-  const means = [...own.y, ...flat.map(({ mean }) => mean)];
-  const room = (Math.max(...means) - Math.min(...means)) * 0.25 || 1;
-  const [least, most] = [Math.min(...means) - room, Math.max(...means) + room];
+  const [low, high] = span([...own.y, ...own.low, ...own.high, ...flat.map(({ mean }) => mean)]) ?? [0, 1]; // every interval whole
+  const room = (high - low) * 0.06;
+  const [least, most] = [low - room, high + room];
   paintLegend(legend, [{ ...who, dash: "" }, ...flat].map(titled(task)));
   const whole = ticks(0, end).filter(Number.isInteger).map((tick) => tick || 1);
   paintChart(chart, {

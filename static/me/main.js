@@ -19,10 +19,10 @@ let last = "";
 const expert = () => task.nameOf(task.expert ?? "");
 
 /** @param {number} at_ms */
-const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
 
-/** @param {Answers.Best} figure @returns the panel of one configuration */
-function bestPanel(figure) {
+/** @param {Answers.Best} figure @returns the row of one configuration */
+function bestRow(figure) {
   const { best, people } = figure;
   const number = best ? [create("a", String(best.moves), { href: `watch/${encodeURIComponent(best.episode)}`, "data-testid": "best" })] : [];
   const plot = create("div");
@@ -30,16 +30,16 @@ function bestPanel(figure) {
   const counts = new Map();
   for (const mean of people.means) counts.set(Math.round(mean), (counts.get(Math.round(mean)) ?? 0) + 1);
   if (people.means.length > 1) paintDistribution(plot, { target: task.target, counts: [...counts], you: people.you });
-  return create("section", [
-    create("h2", figure.place),
-    create("p", [...number, create("small", best ? " moves, your best" : "No best yet")], { class: "best" }),
-    create("p", bestText(task, figure), { class: "fine" }),
-    plot,
-    create("p", standingText(task, figure), { class: "fine" }),
-  ], { class: "panel" });
+  const name = create("div", [create("h3", figure.place), create("p", [...number, create("small", best ? " moves" : "No best yet")], { class: "moves" })], { class: "name" });
+  const says = create("div", [create("p", bestText(task, figure), { class: "fine" }), create("p", standingText(task, figure), { class: "fine" })], { class: "says" });
+  return create("li", [name, says, plot], { class: "best" });
 }
 
-const outcomeOf = (/** @type {string} */ outcome) => (outcome === "abandoned" ? "left" : task.outcome(outcome));
+/** @param {string} outcome @returns it in words: a success too, whose `outcome` may be a mark */
+function outcomeOf(outcome) {
+  if (outcome === "abandoned") return "left";
+  return task.successes.includes(outcome) ? task.status(outcome) : task.outcome(outcome);
+}
 /** @param {Answers.OwnEpisode} episode */
 const resultOf = ({ outcome, moves }) => (task.successes.includes(outcome) ? many(moves, "move") : `${outcomeOf(outcome)} after ${many(moves, "move")}`);
 
@@ -53,7 +53,7 @@ function episodeRow(episode) {
   return create("tr", [
     create("th", when, { scope: "row" }), create("td", episode.place), kindCell,
     create("td", outcomeOf(outcome), { class: task.successes.includes(outcome) ? "good" : outcome === "abandoned" ? "left" : "bad" }),
-    create("td", String(moves), { class: "number" }), ...(task.shareText ? [create("td", coverage === null ? "" : `${percent(coverage)} %`, { class: "number" })] : []), create("td", score(episode.score), { class: "number" }),
+    create("td", [String(moves), create("small", ` ${moves === 1 ? "move" : "moves"}`)], { class: "number" }), ...(task.shareText ? [create("td", coverage === null ? "" : `${percent(coverage)} %`, { class: "number" })] : []), create("td", score(episode.score), { class: "number" }),
   ]);
 }
 
@@ -72,7 +72,8 @@ async function load() {
     const history = /** @type {Answers.OwnHistory} */ (await request(`me/history?limit=${PAGE}${last && `&after=${last}`}`));
     put(by("sentence"), summary(task, history));
     if (!shown) {
-      by("bests").replaceChildren(...history.bests.map(bestPanel));
+      by("bests").replaceChildren(...history.bests.map(bestRow));
+      by("bests-part").hidden = !history.bests.length;
       if (history.total && task.expert) {
         loadName();
         if (task.has_boards) compare().catch((error) => put(by("gap-note"), error.message));
@@ -170,7 +171,7 @@ function paintDrawn() {
 async function paintPictures(episodes) {
   const [pictures, positions] = [by("pictures"), by("positions")];
   for (const episode of episodes) {
-    if (pictures.children.length === PICTURES) return;
+    if (pictures.children.length === PICTURES) break;
     const id = episode.episode;
     const replay = await api.replay(id).catch(() => null);
     if (!replay) continue; // today's terrain, or one of another version
@@ -181,6 +182,7 @@ async function paintPictures(episodes) {
     if (idle.moves < IDLE_MOVES || (await api.episode(id)).seed === null) continue;
     addPicture(positions, run, idle.after, `./${tryHash(id, idle.after)}`, [create("b", "Try from here"), ` ${idleText(idle)}`]);
   }
+  by("play-on").hidden = pictures.children.length === PICTURES; // it fills the row
 }
 
 /** Say the days in a row, of the daily terrain and of the puzzles. */
@@ -234,6 +236,9 @@ by("more").addEventListener("click", async () => {
   await load();
   by("more").focus({ preventScroll: true }); // which a disabled button has lost
 });
-addEventListener("theme", paintGaps);
+addEventListener("theme", () => {
+  paintGaps();
+  paintDrawn();
+});
 new ResizeObserver(paintGaps).observe(by("gap-chart"));
 load();

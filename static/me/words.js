@@ -1,5 +1,5 @@
 // The sentences of a player's own page; no document here, so that node can test every one.
-import { many, signed, wholePercent } from "../common/words.js";
+import { many, signed } from "../common/words.js";
 import { attemptText, streakText } from "../daily/words.js";
 import { choicesOn, streak } from "../puzzles/words.js";
 
@@ -30,6 +30,21 @@ export function personalText({ successes, round }, { episodes, bests }, episode)
   return [better, record, why].filter(Boolean).join(" ");
 }
 
+/** Return what a ranked episode that has just ended is worth among people, "" where it is not of their board's terrains.
+ * @param {Pick<Task, "successes" | "round" | "nameOf" | "expert">} task @param {Pick<Answers.OwnHistory, "episodes">} history
+ * @param {string} episode @param {Pick<Answers.People, "title" | "most_behind" | "you">} people */
+export function rankedText({ successes, round, nameOf, expert }, { episodes }, episode, { title, most_behind: most, you }) {
+  const own = episodes.find((each) => each.episode === episode);
+  if (own?.kind !== "ranked" || !own.counts || own.place !== title) return "";
+  const name = nameOf(expert ?? "");
+  const lost = isFinished({ successes }, own) ? "" : `On the leaderboard this ${round} counts ${many(most, "move")} behind ${name}, if ${name} finishes it.`;
+  // those that have just ended count as soon as the expert has driven on them
+  const missing = (you?.missing ?? 0) - (you?.comparing ?? 0);
+  const wait = you?.missing ? `You have a place among people once ${name} has finished your ${round}s.` : "";
+  const left = missing > 0 ? `${many(missing, `more ranked ${round}`)}, and you have a place among people.` : wait;
+  return [lost, left].filter(Boolean).join(" ");
+}
+
 /** @param {Pick<Task, "successes">} task @param {Pick<Answers.OwnEpisode, "outcome" | "counts" | "not_attested">} episode
  * @returns whether it succeeded, and did not count as abandoned because of a move without a key or touch */
 export const isFinished = ({ successes }, { outcome, counts, not_attested: reason }) => successes.includes(outcome) && !(counts && reason);
@@ -37,7 +52,7 @@ export const isFinished = ({ successes }, { outcome, counts, not_attested: reaso
 /** @param {Pick<Task, "round">} task @param {Answers.OwnEpisode} episode
  * @returns what an episode was, and why a ranked one does not count, "" where nothing is to be said */
 export function kindText({ round }, { kind, day, counts, not_attested: reason, met_before: isKnown }) {
-  if (kind === "daily") return [`daily ${day}`, reason ? `Does not count: ${reason}` : ""];
+  if (kind === "daily") return ["daily", reason ? `Does not count: ${reason}` : `The daily terrain of ${day}`];
   if (kind === "practice" || counts) return [kind, ""];
   const why = reason ?? (isKnown ? `you had met its ${round} before` : "");
   return ["ranked, does not count", why && `Does not count: ${why}`];
@@ -60,7 +75,7 @@ export function standingText({ round }, { people: { means, you, ranked, missing 
 /** @param {Task} task @param {Answers.Best} best */
 export function bestText({ target }, { best, episodes, successes }) {
   if (!best) return `None came to ${target} yet, of ${many(episodes, "episode")}.`;
-  return `${wholePercent(successes / episodes)} of ${many(episodes, "episode")} came to ${target}.`;
+  return `${successes} of ${many(episodes, "episode")} came to ${target}.`;
 }
 
 /** @param {Pick<Task, "expert" | "nameOf" | "round">} task @param {Me.Gap[]} gaps the oldest episode first
@@ -75,7 +90,9 @@ export function gapsText(task, gaps) {
   if (!more.length) return unfinished.trim();
   const gap = mean(more);
   const half = Math.floor(more.length / 2);
-  const change = half ? ` ${signed(mean(more.slice(0, half)))} in the first half, ${signed(mean(more.slice(-half)))} in the second.` : "";
+  const over = half === 1 ? "in the" : "over the";
+  const ofThem = half === 1 ? "" : ` ${half}`;
+  const change = half ? ` ${signed(mean(more.slice(0, half)))} ${over} first${ofThem}, ${signed(mean(more.slice(-half)))} ${over} last${ofThem}.` : "";
   const isEqual = Math.abs(gap) < 0.05;
   const needed = isEqual ? `as many moves as ${expert}` : `${Math.abs(gap).toFixed(1)} moves ${gap < 0 ? "fewer" : "more"} than ${expert}`;
   return `You needed ${needed} ${more.length === 1 ? "in" : "on average, over"} ${many(more.length, "finished episode")}.${change}${unfinished}`;

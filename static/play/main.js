@@ -3,7 +3,7 @@ import { api, ApiError, request } from "../common/api.js";
 import { startEndCard } from "../common/end_card.js";
 import { apply, ghostOf, initialState, isDriven, isPractice } from "../common/game_state.js";
 import { codesOf } from "../common/keyboard.js";
-import { all, boardColours, by, chartColours, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
+import { all, boardColours, by, chartColours, createRepaint, createSizes, createSlow, paintLink, paintNotices, put, SLOW_MS } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
 import { browserStore, forgets, tabStore } from "../common/storage.js";
 import { loadTask, paintAllowed, promptText, showTask } from "../common/task.js";
@@ -11,7 +11,7 @@ import { many, notCounted } from "../common/words.js";
 import { askedIn, createEntries } from "./address.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
-import { createPanel, endOf, hasStage, hasTwoBoards, offerPolicies, paintBar, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
+import { createPanel, endOf, hasStage, hasTwoBoards, isFresh, offerPolicies, paintBar, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
 import { createLeaving, createSessions, findBoard, isUnfinished, modeOn, patiently, sessionWish, showInstead } from "./sessions.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
@@ -194,15 +194,16 @@ function paintPanels(before) {
   const hasTwo = hasTwoBoards(state, isFirstVisit());
   for (const role of ROLES) {
     if (before && state[role] === before[role] && state.mode === before.mode) continue;
-    paintPanel(panels[role], task, state[role]);
+    const board = state[role];
+    paintPanel(panels[role], task, (board && role === "player" && parts.costs?.boardOf(board)) || board);
     paintPick(panels[role], state[role]);
     paintPace(panels[role], state[role], role === "rival" && !state.rival?.isReplay);
     parts.views?.placeMap(panels[role], state[role]);
     parts.views?.load(panels[role], role === "player" || hasTwo ? state[role]?.session || null : null);
   }
 }
-/** Paint the curves: where time runs, four times a second. */
-const dueCurves = task.clock ? createSlow(paintCurves) : paintCurves;
+/** Paint the curves after the boards' frame, which need not wait for them. */
+const dueCurves = createSlow(paintCurves, task.clock ? SLOW_MS : 0);
 function paintCurves() {
   if (!parts.charts) return;
   const { inks, font, you, policy, ground } = chartColours(document.documentElement);
@@ -224,6 +225,7 @@ function paint() {
   const before = painted;
   painted = state;
   document.body.dataset.boards = hasTwoBoards(state, isFirstVisit()) ? "2" : "1";
+  document.body.dataset.fresh = String(isFresh(state));
   paintBoards(before);
   paintPanels(before);
   parts.views?.paintCamera(state.player?.frame);
@@ -280,12 +282,15 @@ async function countedEnded() {
   }
 }
 
-/** Say on the end card how the player's episode stands among their own.
+/** Say on the end card how the player's episode stands among their own, and what a ranked one is worth among people.
  * @param {string} episode */
 async function sayOwn(episode) {
-  if (state.mode === "watch") return;
-  const [words, history] = await Promise.all([import("../me/words.js"), api.history()]).catch(() => []);
-  own = { episode, text: words && history ? words.personalText(task, history, episode) : "" };
+  const { mode, counts } = state;
+  if (mode === "watch") return;
+  const asked = /** @type {Promise<Answers.People | null>} */ (mode === "ranked" && counts && task.has_boards ? request("people?period=all").catch(() => null) : null);
+  const [words, history, people] = await Promise.all([import("../me/words.js"), api.history(), asked]).catch(() => []);
+  const texts = words && history ? [people ? words.rankedText(task, history, episode, people) : "", words.personalText(task, history, episode)] : [];
+  own = { episode, text: texts.filter(Boolean).join(" ") };
   repaint();
 }
 

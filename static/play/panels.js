@@ -1,7 +1,7 @@
 // What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar; and what stands on the end card.
 import { all, by, create, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
-import { within } from "../common/words.js";
+import { many, within } from "../common/words.js";
 import { challengeHash } from "./address.js";
 
 /** Return what stands on the end card of the player's board.
@@ -14,7 +14,7 @@ export function endOf(frame, task, { mode, player, rival }, { tried, own }) {
   return {
     ...task.ending(frame), ...task.verdict?.(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), mode === "watch" ? who : null), compare: [tried, compared].filter(Boolean).join(" "), own,
     next: `Next ${task.round}`, again: mode !== "ranked", // a terrain counts once
-    replay: `replay/${encodeURIComponent(frame.episode)}`, copy: true, beat: challengeHash(frame.episode),
+    replay: `replay/${encodeURIComponent(frame.episode)}`, copy: true, beat: task.successes.includes(frame.outcome ?? "") ? challengeHash(frame.episode) : undefined, // a crash is no mark to beat
   };
 }
 
@@ -111,7 +111,8 @@ export function paintBar(state, rival) {
   const named = (/** @type {Board | null} */ board) => (task && board && state.mode === "watch" ? task.nameOf(board.name) : null);
   put(by("tab-player"), named(player) ?? "You");
   const beside = task && state.mode === "challenge" && state.rival ? task.nameOf(state.rival.name) : named(state.rival);
-  put(by("tab-rival"), beside ?? "Policy");
+  const driver = beside ?? (task && state.rival ? task.nameOf(state.rival.name) : "Policy");
+  put(by("tab-rival"), state.rival && state.mode !== "watch" ? `${driver}: ${many(state.rival.frame.step, "move")}` : driver);
   for (const name of all("[data-of=player]")) put(name, named(player) ?? "you");
   for (const name of all("[data-of=rival]")) put(name, within(beside ?? "policy"));
   document.body.dataset.mode = state.mode;
@@ -120,8 +121,9 @@ export function paintBar(state, rival) {
 
 /** Return what stands below the goal while one board fills the page: what everybody reads, and what a phone leaves out.
  * @param {GameState} state @param {string} rival @returns {[string, string]} */
-export function standing({ mode, counts, player, task }, rival) {
-  if (mode !== "ranked" || !player) return [task?.standing ?? "", ""];
+export function standing({ mode, counts, player, rival: other, task }, rival) {
+  const beside = other && task?.nameOf(other.name);
+  if (mode !== "ranked" || !player) return [task?.standing ?? "", mode === "practice" && beside ? ` ${task?.beside?.(beside) ?? ""}` : ""];
   const after = rival ? ` After the end, ${task?.nameOf(rival) ?? rival} plays the same ${task?.round} beside you.` : "";
   if (!counts) return [`This episode does not count: you have met its ${task?.round} before, or a script has moved.`, after];
   return ["This ranked episode counts from your first move on, however it ends.", ` Leaving it, or a long time without a move, counts as abandoned.${after}`];
@@ -140,6 +142,10 @@ export function hasTwoBoards({ mode, player, rival }, isFirstVisit) {
   if (!player) return !isFirstVisit;
   return rival !== null && !isFirstVisit;
 }
+
+/** Return whether nothing has been done on a player's board, or it is still to come: what is to be done stands beside it.
+ * @param {GameState} state */
+export const isFresh = ({ mode, player }) => mode !== "watch" && (!player || (player.frame.step === 0 && !player.frame.outcome));
 
 /** Let the buttons of a small screen choose what is on it: the player's board, the policy's, or both maps with the chart.
  * @returns {(name: string) => void} shows one of them */

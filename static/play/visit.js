@@ -14,5 +14,6 @@
   body.dataset.visit = isFirst ? "first" : "again";
   body.dataset.knows = String(Number(kept("humanplay.played")) >= 3);
   body.dataset.boards = isFirst ? "1" : "2";
+  body.dataset.fresh = String(!location.search.includes("mode=watch"));
   body.dataset.pad = kept("humanplay.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
 }

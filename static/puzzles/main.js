@@ -1,8 +1,8 @@
 // The puzzles of the day: a position, its next move to choose, and what it saves. The only module of this page that knows all the others.
-import { request } from "../common/api.js";
+import { request, ROOT } from "../common/api.js";
 import { codesOf, ownsKeys, actionOf } from "../common/keyboard.js";
 import { chosenKeys } from "../common/keymap.js";
-import { boardColours, by, create, createRepaint, createSizes, put } from "../common/page.js";
+import { boardColours, by, copyOnClick, create, createRepaint, createSizes, put } from "../common/page.js";
 import { browserStore, forgets } from "../common/storage.js";
 import { loadTask } from "../common/task.js";
 import { countdown, dayText, streakText } from "../daily/words.js";
@@ -36,7 +36,8 @@ addEventListener("theme", () => repaint());
 /** @param {Answers.Puzzle} shown @param {string | undefined} answer chosen */
 function paintBoard({ id, frame, trail }, answer) {
   const best = answers[id]?.best;
-  const mistake = { step: 0, position: trail[trail.length - 1], action: answer, expert_action: best, missed: [] };
+  const missed = answer && best ? words.cellsLeft(answer, answers[id]) : [];
+  const mistake = { step: 0, position: trail[trail.length - 1], action: answer, expert_action: best, missed };
   const marks = answer && best ? { mistakes: [mistake], chosen: 0, hasNumbers: false } : null;
   const accent = boardColours(matrix).you;
   const board = { session: "", name: "", frame, trail, progress: [], hasGap: false, pace: null, isReplay: false };
@@ -58,6 +59,7 @@ function paint() {
   }
   by("question").hidden = Boolean(choice);
   by("verdict").hidden = !answer;
+  put(by("why"), choice && answer ? words.whyText(choice.answer, answer) : "");
   if (choice && answer) {
     put(by("verdict-title"), words.verdictText(choice.answer, answer));
     by("verdict-title").dataset.isRight = String(choice.answer === answer.best);
@@ -66,6 +68,7 @@ function paint() {
   const isLast = choices().length >= today.puzzles.length;
   by("next").hidden = !choice || isLast;
   by("done").hidden = !isLast;
+  by("share").hidden = choices().some(({ id }) => !answers[id]); // until it is known what was right
   put(by("done-text"), words.doneText(choices(), answers));
   put(by("streak"), streakText(words.streak(stored(), today.day, today.puzzles.length)));
   by("dots").replaceChildren(...today.puzzles.map((each, index) => {
@@ -144,6 +147,7 @@ document.addEventListener("keydown", (event) => {
 });
 for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-action]"))) button.addEventListener("click", () => choose(button.dataset.action ?? ""));
 by("next").addEventListener("click", next);
+copyOnClick(by("share"), () => words.shareText(task.title, dayText(today?.day ?? ""), choices(), answers, `${ROOT}puzzles`), (text) => put(by("announcer"), text), { done: "Copied", byHand: "Copy this text:" });
 
 await retried(async () => {
   task ??= await loadTask();

@@ -1,6 +1,7 @@
 // What the buttons of the study's screens do, which of them Enter presses, and the pause: how long nothing was pressed, and what follows.
 import { by, copied } from "../common/page.js";
 import { tabStore } from "../common/storage.js";
+import { t } from "../common/texts.js";
 import { dispatch, frame, go, isBusy, name, stage, state, step, study } from "./store.js";
 import { createIdleTimer, goesOn, knowsTheEnd, screenOf } from "./state.js";
 
@@ -21,7 +22,7 @@ export function pause(isPaused) {
   idle.touch();
   if (isPaused) tabStore.setItem(keep("paused"), frame()?.episode ?? "");
   else tabStore.removeItem(keep("paused"));
-  announce(isPaused ? "Paused. Press a key that moves, or Go on." : "Going on.");
+  announce(isPaused ? t("pause.said", "Paused. Press a key that moves, or Go on.") : t("pause.over", "Going on."));
   dispatch({ kind: "paused", isPaused });
   telemetry.flush();
 }
@@ -57,7 +58,7 @@ function leave(erase) {
 async function copyCode() {
   const isCopied = await copied(by("code").textContent ?? "");
   if (!isCopied) document.getSelection()?.selectAllChildren(by("code"));
-  by("copied").textContent = isCopied ? "Copied." : "The code is selected: copy it with your browser.";
+  by("copied").textContent = isCopied ? t("complete.copied", "Copied.") : t("complete.selected", "The code is selected: copy it with your browser.");
 }
 
 /** @type {Record<string, () => unknown>} */

@@ -1,7 +1,7 @@
 // The screen of a block of questions: it is filled once for each block, keeps what was answered through a reload, and sends it.
 import { all, by, put } from "../common/page.js";
 import { tabStore } from "../common/storage.js";
-import { many } from "../common/words.js";
+import { plural } from "../common/texts.js";
 import { keep } from "./actions.js";
 import { draw, read } from "./questions.js";
 import { go, stage, state, study } from "./store.js";
@@ -74,7 +74,7 @@ form.addEventListener("submit", (event) => {
   put(by("block-status"), "");
   if (faults.size === 0) return void pass(() => study.block(name, turn, answers));
   const [first] = faults.keys();
-  put(by("block-status"), `${many(faults.size, "question needs", "questions need")} another look.`);
+  put(by("block-status"), plural("block.faults", faults.size, "{n} question needs another look.", "{n} questions need another look."));
   all("input:not(:disabled), textarea", first)[0]?.focus();
 });
 form.addEventListener("input", (event) => {

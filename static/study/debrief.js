@@ -2,13 +2,17 @@
 import { create, by, put } from "../common/page.js";
 import { begun, createPlayer, stepOf } from "../common/player.js";
 import { lengthOf } from "../common/task.js";
-import { capital, many, score } from "../common/words.js";
+import { fixed, t } from "../common/texts.js";
+import { capital, movesText, score } from "../common/words.js";
 import { screenOf } from "./state.js";
 import { dispatch, state, study } from "./store.js";
 import * as words from "./words.js";
 
 /** Moves per second. */
 const SPEED = 6.25;
+
+/** @param {Task} task @returns what it calls a round, for sentences */
+const rounds = ({ round }) => ({ round, Round: capital(round) });
 
 /** @type {ReturnType<typeof createPlayer> | null} */
 let player = null;
@@ -33,7 +37,7 @@ export async function load(index) {
 /** Show the runs of a terrain from their start.
  * @param {number} index @param {Answers.DebriefRuns} answer */
 function show(index, { own, policy }) {
-  const runs = { own: task.courseOf("You", own), policy: task.courseOf(task.nameOf(policy.name), policy.frames) };
+  const runs = { own: task.courseOf(t("debrief.you", "You"), own), policy: task.courseOf(task.nameOf(policy.name), policy.frames) };
   const last = Math.max(0, ...Object.values(runs).map((course) => (course ? course.actions.length : 0)));
   player?.goTo(0); // the clock of the one before stops
   player = createPlayer(begun(last, task.clock ?? SPEED), (playback) =>
@@ -49,21 +53,25 @@ by("replay-index").addEventListener("change", () => load(Number(by("replay-index
 function paintFigures(debrief) {
   const { episodes, mean_score, mean_steps, warm_up_terrains: terrains, ranked_terrains: ranked } = debrief;
   put(by("own-score"), score(mean_score));
-  put(by("own-steps"), mean_steps === null ? "\u2013" : mean_steps.toFixed(1));
-  put(by("own-finished"), `${episodes.filter(({ outcome }) => task.successes.includes(outcome ?? "")).length} of ${episodes.length}`);
+  put(by("own-steps"), mean_steps === null ? "\u2013" : fixed(mean_steps, 1));
+  const completed = episodes.filter(({ outcome }) => task.successes.includes(outcome ?? "")).length;
+  put(by("own-finished"), t("block.step_of", "{number} of {of}", { number: completed, of: episodes.length }));
   put(by("debrief-line"), words.debriefLine(task, debrief));
-  by("trials").replaceChildren(create("h2", `${capital(task.round)} by ${task.round}`), trialTable(episodes));
+  by("trials").replaceChildren(create("h2", t("debrief.by_round", "{Round} by {round}", rounds(task))), trialTable(episodes));
   const choice = by("replay-index", HTMLSelectElement);
-  put(by("replay-label"), ranked ? capital(task.round) : `Warm-up ${task.round}`);
+  put(by("replay-label"), ranked ? t("debrief.round", "{Round}", rounds(task)) : t("debrief.warm_up_round", "Warm-up {round}", rounds(task)));
   if (choice.options.length !== terrains + ranked) {
-    const named = (/** @type {number} */ count, /** @type {string} */ before, /** @type {number} */ first) =>
-      Array.from({ length: count }, (_, index) => new Option(`${before}${index + 1} of ${count}`, String(first + index)));
-    choice.replaceChildren(...named(terrains, ranked ? "warm-up " : "", 0), ...named(ranked, "ranked ", terrains));
+    const plain = t("block.step_of", "{number} of {of}");
+    const named = (/** @type {number} */ count, /** @type {string} */ text, /** @type {number} */ first) =>
+      Array.from({ length: count }, (_, index) => new Option(text.replace("{number}", String(index + 1)).replace("{of}", String(count)), String(first + index)));
+    choice.replaceChildren(...named(terrains, ranked ? t("debrief.nth_warm_up", "warm-up {number} of {of}") : plain, 0),
+      ...named(ranked, t("debrief.nth_ranked", "ranked {number} of {of}"), terrains));
   }
 }
 /** @param {Answers.Debrief["episodes"]} episodes @returns a table with a row for each trial, its score as a bar */
 function trialTable(episodes) {
-  const head = [capital(task.round), "Outcome", task.clock ? "Seconds" : "Moves", "Score"].map((text) => create("th", text, { scope: "col" }));
+  const length = task.clock ? t("play.seconds", "Seconds") : t("play.moves", "Moves");
+  const head = [t("debrief.round", "{Round}", rounds(task)), t("debrief.outcome", "Outcome"), length, t("play.score", "Score")].map((text) => create("th", text, { scope: "col" }));
   const rows = episodes.map(({ trial, outcome, steps, score: value }) => {
     const bar = create("i", [], { style: `--share: ${Math.max(0, Math.min(1, value))}` });
     return create("tr", [create("th", String(trial + 1), { scope: "row" }), ...[[task.status(outcome)], [lengthOf(task, steps)], [bar, score(value)]].map((cell) => create("td", cell))]);
@@ -74,12 +82,12 @@ function trialTable(episodes) {
 function paintReplay({ index, runs, playback }, { palette, accent, rival }) {
   const step = stepOf(playback);
   put(by("policy-name"), runs.policy?.name ?? "");
-  put(by("replay-play"), playback.isPlaying ? "Pause" : "Play");
+  put(by("replay-play"), playback.isPlaying ? t("debrief.pause", "Pause") : t("debrief.play", "Play"));
   by("replay-index", HTMLSelectElement).value = String(index);
   const slider = by("replay-at", HTMLInputElement);
   slider.max = String(playback.last);
   slider.value = String(step);
-  slider.setAttribute("aria-valuetext", `move ${step} of ${playback.last}`);
+  slider.setAttribute("aria-valuetext", t("debrief.move_of", "move {number} of {of}", { number: step, of: playback.last }));
   for (const [run, course] of Object.entries(runs)) {
     if (!course) continue;
     const place = /** @type {HTMLElement} */ (by(`${run}-board`).parentElement);
@@ -89,7 +97,7 @@ function paintReplay({ index, runs, playback }, { palette, accent, rival }) {
     task.paint(place, board, { name: course.name, palette, accent: run === "own" ? accent : rival, width_px: place.clientWidth,
       height_px: place.clientHeight, dpr: devicePixelRatio || 1 });
     const { value, unit } = task.headline(board.frame);
-    put(by(`${run}-now`), `${task.clock ? `${lengthOf(task, moves)} s` : many(moves, "move")}, ${value} ${unit.split(" ")[0]}${outcome ? `, ${task.status(outcome)}` : ""}`);
+    put(by(`${run}-now`), `${task.clock ? `${lengthOf(task, moves)} s` : movesText(moves)}, ${value} ${unit.split(" ")[0]}${outcome ? `, ${task.status(outcome)}` : ""}`);
   }
 }
 
@@ -99,7 +107,7 @@ export function paintDebrief(before, look) {
   ({ task } = state.participant);
   const isNew = before === null || screenOf(before) !== "debrief";
   if (isNew || state.participant !== before.participant) paintFigures(state.participant.debrief);
-  put(by("finish"), state.looksBack ? "Back to the end" : words.finish(state.participant));
+  put(by("finish"), state.looksBack ? t("debrief.back", "Back to the end") : words.finish(state.participant));
   by("replay").hidden = state.replay === null;
   if (state.replay && (isNew || state.replay !== before.replay)) paintReplay(state.replay, look);
 }
@@ -111,7 +119,7 @@ async function paintCosts(place, costs, onChoose) {
   if (!costsInWords) return;
   const list = costsInWords.mistakes.map((sentence, index) => {
     const mistake = costs.mistakes[index];
-    const choose = create("button", "Show", { type: "button", class: "quiet", "aria-label": `Show: move ${mistake.step + 1}` });
+    const choose = create("button", t("debrief.show", "Show"), { type: "button", class: "quiet", "aria-label": t("debrief.show_move", "Show: move {number}", { number: mistake.step + 1 }) });
     choose.addEventListener("click", () => onChoose(mistake));
     return create("li", [`${sentence} `, choose]);
   });

@@ -7,6 +7,7 @@ import { createTelemetry, onScreen, tabStorage } from "../common/telemetry.js";
 import { createRepaint, by, paintLink, paintNotices, reader } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { tabStore } from "../common/storage.js";
+import { LANGUAGE, t } from "../common/texts.js";
 import { forbidden, keyName, showTask } from "../common/task.js";
 import { announce, idle, isDialogOpen, keep, onEnter, pause, recordPauses } from "./actions.js";
 import { load, paintDebrief } from "./debrief.js";
@@ -36,7 +37,7 @@ const settings = createSettings({ onLayout: () => paintKeys(), onChange: () => {
 } });
 const settingsSync = createSettingsSync({ save(signal) {
   const { modality, palette, keys } = settings.get();
-  return study.settings({ modality, palette, keys }, signal);
+  return study.settings({ modality, palette, keys, stage: state.participant?.stage }, signal);
 } });
 const look = () => {
   const read = reader(document.documentElement);
@@ -83,11 +84,17 @@ whenChanged((before) => {
 /** Take the keys of the arm to which somebody was assigned just now, which is before the instructions.
  * @param {Study.Participant | null} before @param {Study.Participant | null} participant */
 function takeKeys(before, participant) {
-  if (before?.stage !== "consent" || participant?.stage !== "instructions") return;
-  if (sameKeys(before.settings.keys, participant.settings.keys)) return;
+  if (before?.stage !== "consent" || !participant || participant.stage === "consent") return;
+  if (sameKeys(before.task.keys, participant.task.keys) && sameKeys(before.settings.keys, participant.settings.keys)) return;
   settings.begin(participant.task.keys);
   settings.adopt(participant.settings);
   settingsSync.changed();
+}
+
+/** @returns {Promise<Study.Participant>} what never comes, since the page is asked for again */
+function reload() {
+  location.reload();
+  return new Promise(() => {});
 }
 
 /** Begin an episode on the board: moves of the last one are void, and a pause that a reload interrupted goes on.
@@ -112,7 +119,7 @@ function paint(before) {
   clock.paint();
   paintDebrief(before, colours);
   if (game.notices !== before?.game.notices) paintNotices(by("notices"), game.notices, (id) => dispatch({ kind: "dismiss", id }));
-  paintLink(by("link"), game.link === "connecting" && participant && !participant.session ? "open" : game.link, "connected");
+  paintLink(by("link"), game.link === "connecting" && participant && !participant.session ? "open" : game.link, t("bar.connected", "connected"));
   by("link").hidden = state.problem !== null;
 }
 
@@ -149,8 +156,10 @@ if (passed) dispatch({ kind: "passed", episode: passed });
 paintKeys();
 repaint();
 join(async (participant) => {
+  const { language } = participant.settings;
+  if (language && language !== LANGUAGE) return reload(); // they came by a link from another device, where they had chosen
   settings.begin(participant.task.keys);
-  showTask(participant.task);
+  showTask(participant.task, true);
   if (participant.settings.keys) settings.adopt(participant.settings);
   else settingsSync.changed();
   const { stage, device, consent } = participant;

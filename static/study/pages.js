@@ -1,7 +1,9 @@
 // The screens that are read: consent, instructions, questions, ready, break, the end; and the dialogs. Filled from the state, touched
 // only where it changed.
-import { many } from "../common/words.js";
 import { all, by, create, put } from "../common/page.js";
+import { LANGUAGE, plural, t } from "../common/texts.js";
+import { capital } from "../common/words.js";
+import { askForCode } from "./code_dialog.js";
 import { paintElsewhere } from "./elsewhere.js";
 import { chosenIn, fieldset, radios } from "./questions.js";
 import { screenOf } from "./state.js";
@@ -29,13 +31,30 @@ function show(screen) {
   scrollTo(0, 0);
 }
 /** @param {Study.Participant} participant */
-function paintConsent({ title, consent, invited }) {
+function paintConsent({ title, consent, invited, languages }) {
+  paintLanguages(languages);
   put(by("consent-title"), title);
   by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
   put(by("consent-version"), consent.version);
-  const file = new Blob([`${title}\nConsent text, version ${consent.version}\n\n${consent.text}\n`], { type: "text/plain;charset=utf-8" });
+  const file = new Blob([`${title}\n${t("consent.file", "Consent text, version {version}", { version: consent.version })}\n\n${consent.text}\n`], { type: "text/plain;charset=utf-8" });
   by("save-consent", HTMLAnchorElement).href = URL.createObjectURL(file);
   by("consent-invited").hidden = !invited;
+}
+/** Offer the study's languages, each by its own name.
+ * @param {string[]} languages */
+function paintLanguages(languages) {
+  by("languages").hidden = languages.length < 2;
+  by("languages").replaceChildren(...languages.map((language) => {
+    const name = new Intl.DisplayNames([language], { type: "language" }).of(language) ?? language;
+    const attributes = { type: "button", class: "bare", lang: language, "data-testid": `language-${language}`, "aria-pressed": String(language === LANGUAGE) };
+    const button = create("button", capital(name), attributes);
+    button.addEventListener("click", () => go(async () => {
+      const participant = await study.settings({ language });
+      location.reload(); // the page comes in that language
+      return participant;
+    }, "consent"));
+    return button;
+  }));
 }
 /** Put the numbers of the protocol into the page's own sentences.
  * @param {Study.Participant} participant */
@@ -66,7 +85,7 @@ function paintEnding({ ending }, screen) {
   put(by("ending-sentence"), sentence ?? "");
   by("code-part").hidden = code === null;
   put(by("code"), code ?? "");
-  put(by("code-name"), screen === "complete" ? "This is your completion code:" : "This is your code:");
+  put(by("code-name"), screen === "complete" ? t("complete.code", "This is your completion code:") : t("left.code", "This is your code:"));
   by("return-line").hidden = address === null;
   if (address !== null) by("return", HTMLAnchorElement).href = address;
 }
@@ -90,7 +109,7 @@ export function paintPages(before) {
     if (participant) {
       const hasPlayed = participant.stage !== "consent";
       by("leave-erase").hidden = !hasPlayed || !participant.can_be_erased;
-      put(by("leave-now"), hasPlayed ? "Leave, and keep what I have played without my name" : "Leave the study");
+      put(by("leave-now"), hasPlayed ? t("leave.keep", "Leave, and keep what I have played without my name") : t("leave.button", "Leave the study"));
     }
     if (participant && screen === "consent") paintConsent(participant);
     if (participant && screen === "ready") paintReady(participant);
@@ -108,7 +127,7 @@ export function paintPages(before) {
   }
 }
 
-const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
+const AGAIN = t("questions.again", "Not this one. The rules below say it: have another look, then choose again.");
 const answer = (/** @type {number[]} */ answers) => go(() => study.answers(answers), "questions");
 const form = by("quiz", HTMLFormElement);
 /** @type {{question: string, choices: string[]}[] | null} */
@@ -129,7 +148,7 @@ form.addEventListener("submit", (event) => {
   const answers = (asked ?? []).map((_, number) => chosen(number));
   const open = answers.indexOf(-1);
   if (open < 0) return answer(answers);
-  by("quiz-status").textContent = `Please choose an answer to question ${open + 1} as well.`;
+  by("quiz-status").textContent = t("questions.open", "Please choose an answer to question {number} as well.", { number: open + 1 });
   /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${open}]`))?.focus();
 });
 form.addEventListener("change", (event) => {
@@ -147,10 +166,10 @@ function showVerdicts({ right, why }) {
     field.dataset.right = String(right[number]);
     const verdict = /** @type {HTMLElement} */ (field.querySelector(".verdict"));
     verdict.hidden = false;
-    verdict.textContent = right[number] ? "That is right." : why?.[number] || AGAIN;
+    verdict.textContent = right[number] ? t("questions.right", "That is right.") : why?.[number] || AGAIN;
   });
   const wrong = right.filter((each) => !each).length;
-  by("quiz-status").textContent = wrong === 0 ? "" : `${many(wrong, "answer is", "answers are")} not right yet.`;
+  by("quiz-status").textContent = wrong === 0 ? "" : plural("questions.wrong", wrong, "{n} answer is not right yet.", "{n} answers are not right yet.");
   if (wrong > 0) document.querySelector("details.rules")?.setAttribute("open", "");
   /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
 }
@@ -160,10 +179,10 @@ function paintQuiz(participant) {
   if (JSON.stringify(asked) !== JSON.stringify(participant.questions)) {
     asked = participant.questions;
     by("quiz-list").replaceChildren(...asked.map(item));
-    by("quiz-title").textContent = words.questionsTitle(asked.length, "short");
+    by("quiz-title").textContent = words.shortQuestionsTitle(asked.length);
     if (asked.length === 0) answer([]);
   }
-  put(by("quiz-tries"), words.triesLine(participant.tries_left));
+  put(by("quiz-lead"), words.quizLead(participant.tries_left));
   showVerdicts(participant);
 }
 
@@ -184,29 +203,14 @@ by("disagree").addEventListener("click", () => by("leave", HTMLDialogElement).sh
 function fillMap() {
   const { player, task } = state.game;
   if (!player || !task) return;
-  const { line, rows } = task.inWords(player.frame, `the ${task.round}`);
+  const { line, rows } = task.inWords(player.frame, t("map.name", "the {round}", { round: task.round }));
   by("map-here").textContent = line;
   by("map-rows").replaceChildren(...rows.map((text) => create("li", text)));
 }
 
-const code = by("code-typed", HTMLInputElement);
-const supervise = by("supervise", HTMLDialogElement);
-
-by("supervise-form").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  put(by("supervise-status"), "");
-  try {
-    const participant = await study.supervise(code.value);
-    dispatch({ kind: "participant", participant });
-    supervise.close();
-  } catch (error) {
-    put(by("supervise-status"), words.sentence(/** @type {Error} */ (error).message));
-    code.select();
-  }
-});
-supervise.addEventListener("close", () => {
-  code.value = "";
-  put(by("supervise-status"), "");
+askForCode("supervise", async (code) => {
+  dispatch({ kind: "participant", participant: await study.supervise(code) });
+  by("supervise", HTMLDialogElement).close();
 });
 
 /** @param {Study.Participant} participant */

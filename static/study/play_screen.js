@@ -1,8 +1,9 @@
 // The screen on which one drives: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
 import { paintProgress } from "../common/chart.js";
 import { startEndCard } from "../common/end_card.js";
-import { createSlow, by, put } from "../common/page.js";
+import { createSlow, by, put, SLOW_MS } from "../common/page.js";
 import { lengthOf, paintAllowed } from "../common/task.js";
+import { t } from "../common/texts.js";
 import { score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
 import { state } from "./store.js";
@@ -12,8 +13,8 @@ import * as words from "./words.js";
 function paintNumbers(frame, { phase, rules, task, hint }, keyOf) {
   const { value, unit } = task.headline(frame);
   put(by("moves"), lengthOf(task, frame.step));
-  put(by("moves-name"), task.clock ? "Seconds" : "Moves");
-  put(by("curve-over"), task.clock ? "frames" : "moves");
+  put(by("moves-name"), task.clock ? t("play.seconds", "Seconds") : t("play.moves", "Moves"));
+  put(by("curve-title"), task.clock ? t("play.curve_frames", "{title} over frames", { title: task.chart.title }) : t("play.curve", "{title} over moves", { title: task.chart.title }));
   put(by("coverage"), value);
   put(by("unit"), ` ${unit.split(" ")[0]}`);
   put(by("headline-name"), task.chart.title);
@@ -30,8 +31,7 @@ function paintNumbers(frame, { phase, rules, task, hint }, keyOf) {
   put(by("coach-title"), title);
   put(by("coach-line"), line);
 }
-/** Where time runs, the curve is painted four times a second. */
-const slowly = createSlow((/** @type {() => void} */ paintCurve) => paintCurve());
+const [slowly, afterFrame] = [SLOW_MS, 0].map((wait_ms) => createSlow((/** @type {() => void} */ paintCurve) => paintCurve(), wait_ms));
 const card = startEndCard();
 /** @returns {boolean} whether the card has just come up */
 function paintEnd() {
@@ -41,7 +41,7 @@ function paintEnd() {
   const isKnown = knowsTheEnd(state);
   const content = words.endCard(frame, participant);
   card.part.next.setAttribute("aria-disabled", String(!isKnown));
-  return card.show(frame, isKnown ? { ...content, practise: participant.phase === "tutorial" } : { ...content, note: "", next: "One moment" });
+  return card.show(frame, isKnown ? { ...content, practise: participant.phase === "tutorial" } : { ...content, note: "", next: t("loading.title", "One moment") });
 }
 
 /** @param {Study.State | null} before @param {Study.Look} look
@@ -54,14 +54,13 @@ export function paintPlayScreen(before, { palette, accent, inks, font }, keyOf) 
   const isNew = before === null || screenOf(before) !== "play";
   if (isNew || player !== before.game.player) {
     const { clientWidth: width_px, clientHeight: height_px } = by("matrix");
-    participant.task.paint(by("matrix"), player, { name: `the ${participant.task.round}`, palette, accent, width_px, height_px, dpr: devicePixelRatio || 1, follows: true });
+    participant.task.paint(by("matrix"), player, { name: t("map.name", "the {round}", { round: participant.task.round }), palette, accent, width_px, height_px, dpr: devicePixelRatio || 1, follows: true });
   }
   if (isNew || player !== before.game.player || participant !== before.participant) {
     paintNumbers(player.frame, participant, keyOf);
     paintAllowed(participant.task, player.frame);
     const paintCurve = () => paintProgress(by("chart"), participant.task, [{ board: player, colour: accent }], { font, inks });
-    if (participant.task.clock) slowly(paintCurve);
-    else paintCurve();
+    (participant.task.clock ? slowly : afterFrame)(paintCurve);
     document.body.dataset.ended = String(player.frame.outcome !== null);
     document.body.dataset.phase = participant.phase ?? "";
   }

@@ -1,9 +1,10 @@
 // Questions on the page: drawn from what the server shows, and read again as the answers that are sent.
 import { all, create, put } from "../common/page.js";
+import { LANGUAGE, t } from "../common/texts.js";
 
-const DECLINE = "Prefer not to say";
+const DECLINE = t("block.decline", "Prefer not to say");
 const DECLINED = "declined";
-const UNSET = "Not answered yet";
+const UNSET = t("block.unset", "Not answered yet");
 
 /** Return the radio buttons of a group, each with its text.
  * @param {string} group @param {{value: number | string, text: string}[]} choices @param {unknown} [chosen] */
@@ -57,7 +58,7 @@ const KINDS = {
     read: ({ name, rows, needed }, root) => {
       const chosen = (rows ?? []).map((_, number) => index(chosenIn(root, `${name}-${number}`)) ?? null);
       if (chosen.every((point) => point === null)) return undefined;
-      if (needed && chosen.includes(null)) throw new Error("Please choose in every row.");
+      if (needed && chosen.includes(null)) throw new Error(t("block.rows", "Please choose in every row."));
       return /** @type {number[]} */ (chosen);
     },
   },
@@ -73,22 +74,25 @@ const KINDS = {
       type: "text", inputmode: whole ? "numeric" : "decimal", size: "8", autocomplete: "off", value: typeof sent === "number" ? String(sent) : "",
       "aria-labelledby": `${idOf(name, "title")} ${idOf(name, "unit")}`,
     }), create("span", unit ?? "", { id: idOf(name, "unit") })], { class: "typed" })],
-    read: ({ least, most, whole }, root) => {
+    read: ({ minimum, maximum, whole }, root) => {
       const text = inputs(root)[0].value.trim();
       if (!text) return undefined;
-      // "1,000" is a thousand to some and 1 to others, and so is "1.000" where only whole numbers are asked for
-      if ((whole ? /[.,]\d{3}/ : /,\d{3}/).test(text)) throw new Error(`Please type ${text} without a mark between thousands${whole ? "" : ", and with a point before decimals"}.`);
+      // "1,000" is a thousand to some and 1 to others, and so is "1.000" in other languages, and where only whole numbers are asked for
+      if ((whole || LANGUAGE !== "en" ? /[.,]\d{3}/ : /,\d{3}/).test(text)) {
+        throw new Error(whole ? t("block.no_thousands", "Please type {number} without a mark between thousands.", { number: text })
+          : t("block.no_thousands_point", "Please type {number} without a mark between thousands, and with a point before decimals.", { number: text }));
+      }
       const number = Number(text.replace(",", "."));
-      if (Number.isFinite(number) && number >= (least ?? number) && number <= (most ?? number) && !(whole && number % 1)) return number;
-      throw new Error(`Please type ${whole ? "a whole number" : "a number"} from ${least} to ${most}.`);
+      if (Number.isFinite(number) && number >= (minimum ?? number) && number <= (maximum ?? number) && !(whole && number % 1)) return number;
+      throw new Error(whole ? t("block.whole", "Please type a whole number from {minimum} to {maximum}.", { minimum, maximum }) : t("block.number", "Please type a number from {minimum} to {maximum}.", { minimum, maximum }));
     },
   },
   text: {
-    draw: ({ name, long, most }, sent) => [drawText(name, Boolean(long), most ?? 300, typeof sent === "string" ? sent : "")],
+    draw: ({ name, long, max_length }, sent) => [drawText(name, Boolean(long), max_length ?? 300, typeof sent === "string" ? sent : "")],
     read: (_, root) => inputs(root)[0].value.trim() || undefined,
   },
   statement: {
-    draw: ({ name }, sent) => [create("label", [ticked("checkbox", name, "yes", sent === true), "I agree"])],
+    draw: ({ name }, sent) => [create("label", [ticked("checkbox", name, "yes", sent === true), t("block.agree", "I agree")])],
     read: (_, root) => (inputs(root)[0].checked ? true : undefined),
   },
 };
@@ -105,7 +109,7 @@ function drawScale(name, steps, low, high, step) {
   /** @param {boolean} isSet */
   const show = (isSet) => {
     input.dataset.set = String(isSet);
-    const text = isSet ? `${Number(input.value) + 1} of ${steps}` : UNSET;
+    const text = isSet ? t("block.step_of", "{number} of {of}", { number: Number(input.value) + 1, of: steps }) : UNSET;
     input.setAttribute("aria-valuetext", text);
     put(output, text);
   };
@@ -115,9 +119,9 @@ function drawScale(name, steps, low, high, step) {
   return [create("p", [create("span", low), create("span", high)], { class: "ends", id: idOf(name, "ends") }), input, output];
 }
 
-/** @param {string} name @param {boolean} isLong @param {number} most characters @param {string} text */
-function drawText(name, isLong, most, text) {
-  const attributes = { maxlength: String(most), "aria-labelledby": idOf(name, "title"), autocomplete: "off" };
+/** @param {string} name @param {boolean} isLong @param {number} max_length characters @param {string} text */
+function drawText(name, isLong, max_length, text) {
+  const attributes = { maxlength: String(max_length), "aria-labelledby": idOf(name, "title"), autocomplete: "off" };
   const input = isLong ? create("textarea", [], { ...attributes, rows: "4" }) : create("input", [], { ...attributes, type: "text" });
   input.value = text;
   return input;
@@ -130,7 +134,7 @@ export function draw(question, number, sent) {
   const content = KINDS[kind].draw(question, sent);
   const element = fieldset(name, `${number + 1}. ${question.question}`, content);
   element.dataset.kind = kind;
-  if (!needed) element.querySelector("legend")?.append(create("small", " optional"));
+  if (!needed) element.querySelector("legend")?.append(create("small", ` ${t("block.optional", "optional")}`));
   if (declinable && kind !== "choice") {
     const decline = create("input", [], { type: "checkbox", "data-decline": "" });
     const show = () => { for (const input of inputs(element)) input.disabled = decline.checked; };
@@ -147,6 +151,6 @@ export function draw(question, number, sent) {
 export function read(question, element) {
   const declines = /** @type {HTMLInputElement | null} */ (element.querySelector("[data-decline]"))?.checked;
   const sent = declines ? null : KINDS[question.kind].read(question, element);
-  if (sent === undefined && question.needed) throw new Error(`Please answer this question, or choose “${DECLINE}”.`);
+  if (sent === undefined && question.needed) throw new Error(t("block.needed", "Please answer this question, or choose “{decline}”.", { decline: DECLINE }));
   return sent;
 }

@@ -2,6 +2,7 @@
 import { readKeys, sameKeys, startKeymap } from "../common/keymap.js";
 import { create, by } from "../common/page.js";
 import { browserStore } from "../common/storage.js";
+import { t } from "../common/texts.js";
 
 const KEPT = "humanplay.study.settings";
 
@@ -81,10 +82,10 @@ export function createSettings({ onChange, onLayout }) {
 
 /** @type {Record<Study.PaletteName, Study.Palette>} */
 export const PALETTES = {
-  standard: { title: "Standard", hint: "Soil and night", inks: { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" } },
-  "colour-blind": { title: "Colour-blind", hint: "Blue and yellow, told apart by lightness too",
+  standard: { title: t("palette.standard", "Standard"), hint: t("palette.standard_hint", "Soil and night"), inks: { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" } },
+  "colour-blind": { title: t("palette.colour_blind", "Colour-blind"), hint: t("palette.colour_blind_hint", "Blue and yellow, told apart by lightness too"),
     inks: { text: "#a9b7c6", goal: "#e6ecf2", base: "#4b5f76", line: "#1f2b39" } },
-  "high-contrast": { title: "High contrast", hint: "White on black, strong edges",
+  "high-contrast": { title: t("palette.contrast", "High contrast"), hint: t("palette.contrast_hint", "White on black, strong edges"),
     inks: { text: "#ffffff", goal: "#ffffff", base: "#ffffff", line: "#5a5a5a" } },
 };
 

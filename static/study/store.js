@@ -2,6 +2,7 @@
 // the participant's stage and board; other tabs are notified.
 import { ApiError } from "../common/api.js";
 import { tabStore } from "../common/storage.js";
+import { t } from "../common/texts.js";
 import { bareAddress, createStudyApi, invitationIn, outsideIds, studyName, ticketIn } from "./api.js";
 import { apply, initialState } from "./state.js";
 
@@ -58,7 +59,7 @@ export function showLoss(error) {
  * shown, and the server's sentence if nothing moved.
  * @param {unknown} error @param {string | undefined} stage */
 async function refused(error, stage) {
-  if (!(error instanceof ApiError)) return dispatch({ kind: "notice", text: `Something went wrong on this page: ${error}` });
+  if (!(error instanceof ApiError)) return dispatch({ kind: "notice", text: t("problem.page", "Something went wrong on this page: {error}", { error }) });
   if (error.status === 0) dispatch({ kind: "link", link: "lost" });
   if (showLoss(error)) return;
   const participant = error.status === 409 ? await study.me().catch(() => null) : null;

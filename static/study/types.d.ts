@@ -44,7 +44,7 @@ declare namespace Study {
     block(block: string, turn: number, answers: Record<string, Sent>): Asked, skip(block: string, turn: number): Asked,
     next(): Asked, giveUp(episode: string, step: number): Asked,
     /** The request outlives the page; the signal ends it. */
-    settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(erase: boolean): Asked,
+    settings(settings: (Settings & {stage: string | undefined}) | {language: string}, signal?: AbortSignal): Asked, supervise(code: string): Asked, withdraw(erase: boolean): Asked,
     elsewhere(page: string): Promise<Answers.Ticket>, goOn(brings: {token: string} | {code: string}): Asked,
     terrain(index: number, phase: Shown): Promise<Answers.DebriefRuns>, costs(index: number, phase: Shown): Promise<Answers.Costs>,
   };

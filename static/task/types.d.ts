@@ -57,6 +57,8 @@ interface TaskOf<F, M, C, H> extends Answers.Task {
   inWords(frame: F, name: string): {line: string, rows: string[]};
   goal(frame: F | null): string;
   standing: string;
+  /** What it means that a policy plays beside the player. */
+  beside?(rival: string): string;
   /** An outcome in a word or two, "" while there is none; and as the state of a board. */
   outcome(outcome: string | null): string;
   status(outcome: string | null): string;

@@ -1,7 +1,7 @@
 // Wires the live view of somebody else's board: its socket -> state -> one scheduled repaint. Nothing here sends anything.
 import { api, ApiError, request } from "../common/api.js";
 import { paintProgress } from "../common/chart.js";
-import { boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, partsOf, put } from "../common/page.js";
+import { boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, partsOf, put, SLOW_MS } from "../common/page.js";
 import { follow, socketUrl, startHeartbeat } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
 import { lengthOf, paintNumbers } from "../common/task.js";
@@ -17,7 +17,7 @@ let asked = 0;
 Object.defineProperty(window, "playground", { value: Object.freeze({ get state() { return state; } }) });
 const repaint = createRepaint(() => paint());
 const sizes = createSizes(() => repaint());
-const paintCurveSoon = createSlow(paintCurve);
+const [paintCurveSlowly, paintCurveAfterFrame] = [SLOW_MS, 0].map((wait_ms) => createSlow(paintCurve, wait_ms));
 /** @type {ReturnType<typeof follow> | null} */
 let follower = null;
 
@@ -43,8 +43,7 @@ function paint() {
   put(part["chart-title"], task.chart.title);
   put(by("terrain"), task.place(state.level, frame));
   const { value, unit } = paintNumbers(part, task, frame);
-  if (task.clock) paintCurveSoon(task, board);
-  else paintCurve(task, board);
+  (task.clock ? paintCurveSlowly : paintCurveAfterFrame)(task, board);
   chart.setAttribute("aria-label", `${said}: ${value} ${unit} after ${lengthOf(task, frame.step)} ${task.clock ? "seconds" : "moves"}`);
 }
 /** @param {Task} task @param {Board} board */

@@ -1,4 +1,4 @@
-"""The one runner of what takes long, with real processes: turns, limits, deaths, remembered failures, the end."""
+"""The runner of jobs, with real processes: turns, limits, deaths, failures."""
 
 import asyncio
 import os
@@ -31,8 +31,8 @@ def real_workers(monkeypatch):
 
 @pytest.fixture
 def jobs():
-    with Jobs(1) as found:
-        yield found
+    with Jobs(1) as runner:
+        yield runner
 
 
 def runs(process):
@@ -140,7 +140,7 @@ def test_closing_ends_what_runs_and_what_waits_at_once():
     assert not runs(worker)
     with pytest.raises(JobsFullError, match="closing"):
         jobs.submit(functions.add, 1, 2)
-    assert not [each for each in threading.enumerate() if each.name == "jobs"]
+    assert not [thread for thread in threading.enumerate() if thread.name == "jobs"]
 
 
 COMMAND = """
@@ -164,9 +164,9 @@ def test_ctrl_c_and_a_kill_of_the_runner_end_its_workers(ends):
         0.5
     )  # until it waits: Python loses a signal that comes in the moment before a lock is waited for
     os.killpg(command.pid, ends)  # as a terminal does
-    _, said = command.communicate(timeout=60)
+    _, stderr = command.communicate(timeout=60)
     eventually(lambda: not runs(worker))
-    assert said.count("Traceback") == (ends == signal.SIGINT), "the worker says nothing"
+    assert stderr.count("Traceback") == (ends == signal.SIGINT), "the worker says nothing"
 
 
 def test_a_job_that_comes_as_its_worker_stops_waiting_is_done(monkeypatch):

@@ -14,12 +14,15 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.browser)
             if chromium_path() is None:
                 packages = "`apt-get install chromium-headless-shell` or `chromium`"
-                why = f"NO CHROMIUM: install it ({packages}) to run the browser tests"
-                item.add_marker(pytest.mark.skip(reason=why))
+                reason = f"NO CHROMIUM: install it ({packages}) to run the browser tests"
+                item.add_marker(pytest.mark.skip(reason=reason))
 
 
 class Browsers:
-    """Chromium with each set of flags that the tests ask for: started once, used by all tests of this folder."""
+    """Chromium with each set of flags that tests ask for.
+
+    Each is started once, and used by all tests of this folder.
+    """
 
     def __init__(self):
         self.started = {}
@@ -50,7 +53,10 @@ BROWSERS = Browsers()
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item, nextitem):
-    """Close the browsers after a run of browser tests: the driver's event loop would be in the way of other tests' own."""
+    """Close the browsers after the browser tests.
+
+    Otherwise the driver's event loop would be in the way of other tests' own.
+    """
     del item
     if nextitem is None or "browser" not in Path(nextitem.fspath).parts:
         BROWSERS.close()
@@ -58,7 +64,10 @@ def pytest_runtest_teardown(item, nextitem):
 
 @pytest.fixture
 def open_browser():
-    """`open_browser(flags)` is Chromium without any profile; every profile that a test opens is closed at its end."""
+    """`open_browser(flags)` is Chromium without any profile.
+
+    Every profile that a test opens is closed at its end.
+    """
 
     def start(flags=()):
         drawing = () if "--disable-3d-apis" in flags else SOFTWARE_3D
@@ -72,7 +81,10 @@ def open_browser():
 
 @pytest.fixture
 def player(open_browser):
-    """`player(server, ...)` opens the page in a fresh browser profile, of somebody who has been here before unless `is_new`."""
+    """`player(server, ...)` opens the page in a fresh browser profile.
+
+    It is that of a returning visitor, unless `is_new`.
+    """
 
     def start(server, flags=(), width=1440, height=900, is_new=False, **context):
         browser = open_browser(flags)

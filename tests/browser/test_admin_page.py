@@ -1,4 +1,4 @@
-"""The operator's console and the leaderboard in a real browser, while somebody plays."""
+"""The operator's page and the leaderboard in a real browser, while somebody plays."""
 
 import threading
 import zipfile
@@ -32,7 +32,10 @@ RED = """async (health) => {
 
 
 class QuickPolicies(PolicyCatalogue):
-    """The policies on offer without the slow ones: an evaluation has only the time that everything else leaves."""
+    """The policies on offer without the slow ones.
+
+    An evaluation gets only the time that all else leaves.
+    """
 
     def offers(self):
         return [offer for offer in super().offers() if offer.name not in ("ppo", "lookahead")]
@@ -46,7 +49,7 @@ def quick(monkeypatch):
 
 
 def look(page, name):
-    """Judge a screen at both sizes: nothing that axe finds, nothing wider than the screen."""
+    """Check a screen at both sizes: no finding of axe, nothing wider than the screen."""
     assert judge(page, name, full_page=True) == []
 
 
@@ -81,7 +84,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     page.get_by_test_id("show-outcomes").click()
     page.get_by_test_id("outcomes").get_by_label("Whoever ended the last ranked episode").fill("C1")
     page.get_by_test_id("save-outcomes").click()
-    page.get_by_text("9 endings have no text").wait_for()
+    page.get_by_text("9 outcomes have no text yet").wait_for()
     health = page.evaluate("playground.state.overview.health")
     assert page.evaluate(RED, health) == []
     health["disk"]["is_low"] = True
@@ -104,6 +107,11 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     person.to_warm_up()
     until(page, f"document.querySelector('{COUNT.format('warm_up')}').textContent === '1'")
     assert page.locator(COUNT.format("consent")).inner_text() == "0"
+    for width in (390, 820):
+        page.set_viewport_size({"width": width, "height": 900})
+        fits = "(part) => part.scrollWidth <= part.clientWidth"
+        assert page.locator(".people .scroll").evaluate(fits), f"nothing is cut at {width}"
+    page.set_viewport_size({"width": 1440, "height": 900})
 
     person.call("next")
     board = page.get_by_test_id(f"live-{person.where['participant']}")
@@ -138,8 +146,8 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     until(page, f"document.querySelector('{COUNT.format('debrief')}').textContent === '1'")
     row = page.get_by_test_id(f"person-{person.where['participant']}")
     assert "of 3" not in row.inner_text(), "an open study shows no count of ranked episodes"
-    said = "No figure is shown until the study is closed: 1 of 2"
-    until(page, f"document.getElementById('figure').textContent.startsWith('{said}')")
+    sentence = "No figure is shown until the study is closed: 1 of 2"
+    until(page, f"document.getElementById('figure').textContent.startsWith('{sentence}')")
     assert page.locator("#figure .measure").count() == 0
     look(page, "admin-debrief")
 
@@ -283,8 +291,8 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     page.get_by_test_id("view-policies").click()
     until(page, "window.playground && window.playground.state.detail")
     assert page.url.split("#")[0] == f"{server.url}/leaderboard"
-    said = "Volunteers on this playground, Scattered 21 × 21: nobody has played this ranked yet"
-    assert page.get_by_test_id("sentence").inner_text().startswith(said)
+    sentence = "Volunteers on this playground, Scattered 21 × 21: nobody has played this ranked yet"
+    assert page.get_by_test_id("sentence").inner_text().startswith(sentence)
     assert page.get_by_test_id("rank-people").count() == 0
     page.get_by_test_id("evaluate").click()
     until(page, "window.playground.state.detail.policies.every((policy) => policy.figure)")

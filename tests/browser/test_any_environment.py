@@ -1,4 +1,7 @@
-"""Five environments in a real browser: played by keys, their server killed in the middle of play, and gone on with."""
+"""Five environments in a real browser.
+
+They are played by keys, their server is killed in the middle of play, and they go on.
+"""
 
 import sqlite3
 from contextlib import closing
@@ -27,7 +30,7 @@ QUICK = ("rooms", "breakout")
     "ignore::DeprecationWarning"
 )  # Box2D's, of SWIG, ends Python where it is an error
 @pytest.mark.parametrize(
-    "name", [each if each in QUICK else pytest.param(each, marks=pytest.mark.long) for each in FIVE]
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.long) for name in FIVE]
 )
 def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_killed(
     spawn, player, tmp_path, name
@@ -82,3 +85,24 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
     assert stored >= shown + 2
     assert verify_database(tmp_path / "playground.db").findings == ()
     assert me.errors == []
+
+
+BATCHES = """() => {
+  window.batches = [];
+  const watch = new MutationObserver((changes) => window.batches.push(changes.map(({ attributeName }) => attributeName)));
+  watch.observe(document.querySelector("img.picture"), { attributeFilter: ["src"] });
+  watch.observe(document.querySelector("[data-testid=chart]"), { attributeFilter: ["aria-label"] });
+}"""
+"""Notes what changes in one task of the browser: a new picture, a new curve."""
+
+
+def test_the_picture_of_a_move_does_not_wait_for_the_curve(spawn, player):
+    server = spawn(task="gymnasium:minigrid:MiniGrid-FourRooms-v0", port=free_port())
+    me = player(server, [*NO_3D, *AS_A_PERSON]).goto()
+    me.wait("document.querySelector('img.picture')?.complete")
+    me.wait("document.querySelector('[data-testid=chart]').ariaLabel?.includes('after 0 moves')")
+    me.page.evaluate(BATCHES)
+    me.hand.press(me.page.keyboard, "ArrowRight")
+    me.wait("window.batches.flat().includes('aria-label')")
+    picture, curve = me.page.evaluate("() => window.batches")
+    assert (picture, curve) == (["src"], ["aria-label"])

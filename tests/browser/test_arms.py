@@ -50,13 +50,31 @@ def test_each_arm_reads_its_instructions_its_hint_and_its_question_and_has_its_k
     server = serve()
     for number in range(max(firsts) + 1):
         profile = open_browser((*NO_3D, *AS_A_PERSON)).new_context(reduced_motion="reduce")
-        person = Participant(profile.new_page(), server.url).goto()
+        person = Participant(profile.new_page(), server.url)
+        if number == drawn.index("arm_one"):
+            delay_settings(person.page)
+        with person.page.expect_request("**/settings"):
+            person.goto()
         person.stands("consent")
         person.choose("agree")
         person.stands("instructions")
         if number in firsts:
             walk(person, *firsts[number])
         profile.close()
+
+
+def delay_settings(page):
+    """Have the settings that a page sends at first arrive during the consent."""
+    late = []
+
+    def consent(route):
+        assert route.fetch().ok
+        settings = late.pop()
+        settings.fulfill(response=settings.fetch())
+        route.fulfill(response=page.request.get(route.request.url.replace("/consent", "/me")))
+
+    page.route("**/settings", lambda route: late.append(route), times=1)
+    page.route("**/consent", consent)
 
 
 def walk(person, arm, other):

@@ -1,4 +1,7 @@
-"""Whatever a person does at a real browser is attested: keys, mouse, fingers, typing ahead, reloads, lost connections."""
+"""Whatever a person does at a real browser is attested.
+
+Keys, mouse, fingers, typing ahead, reloads, lost connections.
+"""
 
 import resource
 import sqlite3
@@ -57,7 +60,10 @@ def click(me, action, how):
 
 
 def test_a_disk_that_was_full_in_the_middle_of_play(spawn, player, tmp_path):
-    """The page says that a move was not made and why; once there is room the next key press moves, without a reload."""
+    """The page says that a move was not made, and why.
+
+    Once there is room, the next key press moves, without a reload.
+    """
     server, me = begun(spawn, player)
     there, back = there_and_back(me)
     me.press(there)
@@ -65,9 +71,9 @@ def test_a_disk_that_was_full_in_the_middle_of_play(spawn, player, tmp_path):
     before = resource.prlimit(pid, limit)
     resource.prlimit(pid, limit, (4096, before[1]))
     me.press(back, wait=False)
-    said = me.page.get_by_test_id("notices").get_by_text("nothing changed")
-    said.wait_for(state="visible")
-    assert "the database playground.db did not take the write" in said.inner_text()
+    notice = me.page.get_by_test_id("notices").get_by_text("nothing changed")
+    notice.wait_for(state="visible")
+    assert "the database playground.db did not take the write" in notice.inner_text()
     assert me.state()["step"] == 1
     resource.prlimit(pid, limit, before)
     me.press(back)
@@ -217,7 +223,7 @@ def test_without_events_the_page_says_that_its_episode_does_not_count(serve, pla
     _, me = begun(serve, player)
     me.page.evaluate("""() => { const send = WebSocket.prototype.send;
         WebSocket.prototype.send = function (text) { if (!text.includes('"kind":"events"')) send.call(this, text); }; }""")
-    why = "step 0: no press of its own was received before the move"
-    assert level_of(tmp_path, end(me)) == ("human", "unattested", why)
+    reason = "step 0: no press of its own was received before the move"
+    assert level_of(tmp_path, end(me)) == ("human", "unattested", reason)
     me.page.get_by_text("This episode does not count").first.wait_for()
     me.wait("!window.playground.state.counts")

@@ -1,4 +1,7 @@
-"""Every press is answered or dropped in sight: bursts without pauses, a held key, presses after the end, and Enter there."""
+"""Every key press is answered or visibly dropped.
+
+Bursts without pauses, a held key, presses after the end, and Enter there.
+"""
 
 import asyncio
 import time
@@ -30,7 +33,10 @@ COUNT_DROPPED = """() => {
 
 
 def burst_at_once(me, actions):
-    """Press keys five milliseconds apart by the browser's clock, however slowly the machine hands them over."""
+    """Press keys five milliseconds apart by the browser's clock.
+
+    So a slow machine does not spread them.
+    """
     keys = me.page.context.new_cdp_session(me.page)
     began_s = time.time()
     for number, action in enumerate(actions):

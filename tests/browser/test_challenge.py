@@ -1,4 +1,7 @@
-"""A challenge: from a replay to the same terrain against what was done there, both results, and no human score."""
+"""A challenge: the terrain of a replay, against what was done there.
+
+Both results are shown, and it enters no human score.
+"""
 
 from humanplay.db.store import Store
 from marsexplorer import policies
@@ -52,10 +55,10 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     done = fetched(page, f"{server.url}/api/episodes/{against.id}").json()
     assert (theirs["outcome"], theirs["step"]) == ("explored", done["steps"])
     page.get_by_test_id("end-title").get_by_text("a script").wait_for()
-    said = page.get_by_test_id("end-title").inner_text()
+    title = page.get_by_test_id("end-title").inner_text()
     gap = mine["step"] - theirs["step"]
-    assert f"{abs(gap)} move" in said or "Level with" in said
-    assert " a script" in said
+    assert f"{abs(gap)} move" in title or "Level with" in title
+    assert " a script" in title
     assert judge(page, "challenge-end") == []
     # a terrain that was chosen: in no human score, whoever played it
     stored = fetched(page, f"{server.url}/api/episodes/{mine['episode']}").json()

@@ -1,4 +1,4 @@
-"""No page says anything in the browser's console: what a visitor's developer tools show is empty."""
+"""No page writes to the browser's console: a visitor's developer tools stay empty."""
 
 import pytest
 
@@ -17,7 +17,7 @@ NOT_LOGGED_IN = "the server responded with a status of 401"
 
 @pytest.fixture
 def site(serve, tmp_path):
-    """A server with an open study and an ended episode, and the addresses of its pages."""
+    """A server with an open study and an ended episode; the addresses of its pages."""
     freeze(tmp_path / "playground.db-studies", "dunes", recruitment="open")
     store = Store(tmp_path / "playground.db")
     episode = play(store, 4, explore=True).id
@@ -27,20 +27,20 @@ def site(serve, tmp_path):
 
 
 def listen_to(page):
-    """Return the list that everything goes to which the page says in the console from now on, or fails at."""
-    said = []
-    page.on("console", lambda message: said.append(f"{page.url}: {message.type}: {message.text}"))
-    page.on("pageerror", lambda error: said.append(f"{page.url}: {error}"))
-    return said
+    """Return a list that gets what the page says in the console, and its errors."""
+    lines = []
+    page.on("console", lambda message: lines.append(f"{page.url}: {message.type}: {message.text}"))
+    page.on("pageerror", lambda error: lines.append(f"{page.url}: {error}"))
+    return lines
 
 
 def test_no_page_says_anything_in_the_console(site, open_browser):
-    """Over plain HTTP from another machine, too, where browsers complain of headers that they do not heed there."""
+    """Over plain HTTP from another machine, browsers complain of more headers."""
     server, pages = site
     page = open_browser((*NO_3D, "--host-resolver-rules=MAP mars.example 127.0.0.1")).new_page()
     page.set_default_timeout(1000 * PATIENCE_S)
-    said = listen_to(page)
+    lines = listen_to(page)
     for path in pages:
         page.goto(f"{server.url}/{path}", wait_until="load")
     page.goto(f"http://mars.example:{server.port}/about", wait_until="load")
-    assert [each for each in said if NOT_LOGGED_IN not in each] == []
+    assert [line for line in lines if NOT_LOGGED_IN not in line] == []

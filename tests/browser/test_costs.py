@@ -1,4 +1,7 @@
-"""After a practice episode the page says where moves were lost, and a mistake can be tried again from its move."""
+"""After a practice episode the page shows where moves were lost.
+
+A mistake can be tried again from its move.
+"""
 
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from marsexplorer.observation import valid_actions
 from tests.browser.test_attested import there_and_back
 from tests.browser.test_play_page import whole
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, fetched, keep_picture
+from tests.support.servers import eventually
 
 FLAGS = tuple(dict.fromkeys((*AS_A_PERSON, *NO_3D)))
 
@@ -81,8 +85,8 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     me.shows("notices", "")
     me.page.wait_for_timeout(500)  # a press sooner than anybody sees the edge stops before it
     me.press("north")
-    said = "Not finished before, not finished now, from move 3."
-    assert said in me.page.get_by_test_id("end-compare").inner_text()
+    sentence = "Not finished before, not finished now, from move 3."
+    assert sentence in me.page.get_by_test_id("end-compare").inner_text()
     assert me.errors == []
 
 
@@ -107,8 +111,8 @@ def test_mistakes_are_listed_and_one_is_tried_again(serve, player, width, height
     answer = fetched(me.page, f"{server.url}/api/episodes/{frame['episode']}/costs").json()
     biggest = answer["mistakes"][0]
     first, last = biggest["first"] + 1, biggest["last"] + 1
-    where = f"Move {first}" if first == last else f"Moves {first} to {last}"
-    assert lines[0].startswith(f"{where} cost {biggest['cost']} move")
+    moves = f"Move {first}" if first == last else f"Moves {first} to {last}"
+    assert lines[0].startswith(f"{moves} cost {biggest['cost']} move")
     summary = me.page.locator("[data-part=costs] p").first.inner_text()
     gap = answer["counts"] - answer["expert_moves"]
     assert (
@@ -133,11 +137,11 @@ def test_a_large_board_says_that_its_moves_are_not_judged(serve, player):
     me.press("north")
     ask = me.page.get_by_role("button", name=ASK)
     ask.click()
-    said = me.page.locator("[data-part=costs]")
-    said.get_by_text("Moves are judged on boards of up to 1764 cells").wait_for(timeout=60_000)
+    panel = me.page.locator("[data-part=costs]")
+    panel.get_by_text("Moves are judged on boards of up to 1764 cells").wait_for(timeout=60_000)
     costs = fetched(me.page, f"{server.url}/api/episodes/{frame['episode']}/costs").json()
     whole = f"Your episode counts 7056 moves, Expert's {costs['expert_moves']}: "
-    assert said.inner_text().startswith(whole)
+    assert panel.inner_text().startswith(whole)
     assert ask.is_hidden(), "asking again would say the same"
     assert me.errors == []
 
@@ -158,6 +162,9 @@ def test_the_board_is_on_top_while_any_loss_is_shown(serve, player):
     page.get_by_role("button", name=ASK).click()
     page.get_by_test_id("mistake-2").wait_for()
     mistakes = page.locator("[data-part=costs] .mistake").all()
+    episode = me.state("player.frame.episode")
+    answer = fetched(page, f"{me.url}/api/episodes/{episode}/costs").json()
+    steps = [mistake["step"] for mistake in answer["mistakes"]]
     covered = []
     for width, height in ((1440, 900), (1000, 800), (820, 1180), (701, 900), (390, 844)):
         page.set_viewport_size({"width": width, "height": height})
@@ -167,6 +174,9 @@ def test_the_board_is_on_top_while_any_loss_is_shown(serve, player):
             assert first["y"] + first["height"] <= foot["y"], "the first is read without scrolling"
         for number, mistake in enumerate(mistakes, 1):
             mistake.click()
+            head = page.locator(".board[data-role=player] [data-part=steps]")
+            step = str(steps[number - 1])  # the head is of the board that is shown
+            eventually(lambda h=head, s=step: h.inner_text() == s)
             top = canvas.evaluate(LIES_IN_THE_MIDDLE)
             keep_picture(page, f"mistake-{number}-{width}")
             covered += [] if top == "canvas-player" else [(width, number, top)]

@@ -1,17 +1,20 @@
-"""The daily page and the page of one's own episodes in a real browser: one story, from nothing to the result."""
+"""The daily page and the page of one's own episodes, from nothing to the result."""
 
 import re
 from contextlib import closing
 
 import pytest
 
+from humanplay.db.reader import utc_day
 from humanplay.db.store import Store
+from humanplay.study.days import day_before
 from humanplay.tasks.mars.boards import MarsBoards
 from humanplay.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import load
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
-from tests.support.recorded import play
+from tests.support.recorded import NOW, play
+from tests.support.recorded_daily import play_daily
 from tests.support.servers import eventually
 
 SIZES = {"1440": (1440, 900), "820": (820, 1180), "390": (390, 844)}
@@ -21,6 +24,10 @@ ROUTES_FIT = """() => [...document.querySelectorAll("#routes canvas")].every(
     (canvas) => canvas.clientWidth <= canvas.parentElement.clientWidth && canvas.parentElement.clientWidth <= 480
 )"""
 """Whether no route is cut off by its place, nor lost in it."""
+ROUTE = """() => document.querySelector("#routes canvas")?.toDataURL() ?? null"""
+IS_DARK = "() => matchMedia('(prefers-color-scheme: dark)').matches"
+ROWS_FIT = """() => [...document.querySelectorAll(".rows")].every((rows) => rows.scrollWidth <= rows.clientWidth)"""
+"""Whether no row of results spills over."""
 
 
 @pytest.fixture
@@ -29,18 +36,22 @@ def small(monkeypatch):
     monkeypatch.setattr(MarsBoards, "daily", EnvConfig.of("random", (7, 9)))
 
 
-def check_screen(page, name, found, themes=("dark",)):
-    """Keep what axe finds, and a picture of each size; nothing is wider than the screen."""
+def check_screen(page, name, problems, themes=("dark",)):
+    """Collect findings of axe, and a picture of each size; nothing is wider."""
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), (
             f"{name} at {size}"
         )
         eventually(lambda: page.evaluate(ROUTES_FIT))
+        assert page.evaluate(ROWS_FIT), f"{name} at {size}"
         keep_picture(page, f"{name}-{size}", full_page=True)
     for theme in themes:
+        route, was_dark = page.evaluate(ROUTE), page.evaluate(IS_DARK)
         page.emulate_media(color_scheme=theme)
-        found += [f"{name}, {theme}: {each}" for each in violations(page)]
+        if route and was_dark != (theme == "dark"):
+            eventually(lambda before=route: page.evaluate(ROUTE) != before)  # in its colours
+        problems += [f"{name}, {theme}: {problem}" for problem in violations(page)]
 
 
 def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
@@ -83,8 +94,8 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     took = page.locator("#policies li b").all_inner_texts()
     beaten = sum("stopped" in text or int(text.split()[0]) > moves for text in took)
     counted = {0: "none of", len(took): "all"}.get(beaten, f"{beaten} of")
-    said = f"better than {counted} {len(took)} policies."
-    eventually(lambda: page.get_by_test_id("end-note").inner_text().endswith(said))
+    comparison = f"better than {counted} {len(took)} policies."
+    eventually(lambda: page.get_by_test_id("end-note").inner_text().endswith(comparison))
     line = shared.splitlines()[1]
     assert len(line) == 8, "how much was mapped when, and nothing of where"
     assert set(line) <= set("▁▂▃▄▅▆▇█")
@@ -114,9 +125,19 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     board, past = (page.locator(part).bounding_box() for part in (".board", "#yesterday"))
     assert past["x"] == board["x"], "nothing is empty below the board"
     assert past["y"] >= board["y"] + board["height"]
+    page.set_viewport_size({"width": 1024, "height": 768})
+    board, side = (page.locator(part).bounding_box() for part in (".board", ".side"))
+    assert side["y"] + side["height"] - board["y"] - board["height"] < 60, "nor on a small screen"
     page.goto(shared_link)
     page.get_by_test_id("routes").get_by_text(f"You: {moves} moves").wait_for()
     assert page.locator("#yesterday-title").inner_text() == title.split(":")[0]
+    hidden = [".intro", ".board", ".side", "#calendar-part"]
+    assert not any(page.locator(part).is_visible() for part in hidden), "a past day stands alone"
+    ways = page.get_by_test_id("days").get_by_role("link")
+    ways.last.wait_for()
+    assert [way.get_attribute("href").split("/")[-1] for way in ways.all()][-1] == "daily"
+    assert len(ways.all()) == 2, "the day after it, and today's; before the first is none"
+    check_screen(page, "daily-past", wrong, ("light", "dark"))
     page.locator("#yesterday-rows").get_by_role("link").first.click()
     page.get_by_role("heading", name=f"in {moves} moves").wait_for()
     page.goto(f"{server.url}/watch/{newest['episode']}")  # its replay is secret today
@@ -131,6 +152,26 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     page.get_by_test_id("history").get_by_role("link").last.click()
     page.get_by_role("heading", name=f"in {moves} moves").wait_for()
     assert wrong == []
+    assert me.errors == []
+
+
+def test_a_past_day_leads_past_days_that_nobody_opened(serve, player, tmp_path):
+    today = utc_day(NOW)
+    oldest, middle, newest = (day_before(today, days) for days in (9, 5, 2))
+    with closing(Store(tmp_path / "playground.db")) as store:
+        for day in (oldest, middle, newest):
+            play_daily(store, "ada", day, explore=True)
+    me = player(serve(), NO_3D)
+    for day, beside in ((oldest, [middle]), (middle, [oldest, newest]), (newest, [middle])):
+        me.page.goto(f"{me.url}/daily/{day}")
+        ways = me.page.get_by_test_id("days").get_by_role("link")
+        ways.last.wait_for()
+        hrefs = [way.get_attribute("href").split("/")[-1] for way in ways.all()]
+        assert hrefs == [*beside, "daily"]
+    for size in ("1440", "390"):
+        width, height = SIZES[size]
+        me.page.set_viewport_size({"width": width, "height": height})
+        keep_picture(me.page, f"daily-beside-{size}", full_page=True)
     assert me.errors == []
 
 
@@ -173,7 +214,8 @@ CURVE = """() => {
 def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, tmp_path):
     with closing(Store(tmp_path / "playground.db")) as store:
         for seed in range(5):
-            play(store, seed, explore=seed != 2, config=EnvConfig.of("random", 21))
+            # east of the third one's start is a rock
+            play(store, seed, explore=seed != 2, config=EnvConfig.of("random", 21), actions=[1])
     server = serve()
     me = player(server, NO_3D)
     page, failed = me.page, set()
@@ -201,6 +243,8 @@ def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, 
     page.keyboard.press("Enter")
     page.get_by_test_id("more").wait_for(state="hidden")
     assert rows.count() == 5
+    assert rows.locator("td.good").all_inner_texts() == ["mapped"] * 4, "no mark, in words"
+    assert rows.locator("td.bad").all_inner_texts() == ["crashed"], "as the board says"
     page.get_by_text("on average, over 4 finished episodes").wait_for(timeout=120_000)
     assert page.get_by_test_id("pictures").locator("canvas").count() == 2, "of the page of two"
     eventually(lambda: page.evaluate(PICTURES_FIT))
@@ -215,11 +259,11 @@ def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, 
     page.get_by_test_id("theme").click()
     eventually(lambda: page.evaluate(CURVE)["drawn"] != before["drawn"])
     position = page.get_by_test_id("positions").get_by_role("link").first
-    made = int(re.search(r"after (\d+) move", position.inner_text())[1])
+    moves = int(re.search(r"after (\d+) move", position.inner_text())[1])
     position.click()
-    me.wait(f"window.playground.state.player.frame.step === {made}")
+    me.wait(f"window.playground.state.player.frame.step === {moves}")
     assert (me.state("mode"), me.state("counts")) == ("practice", False)
-    page.get_by_text(f"Practice from move {made + 1}").wait_for()
+    page.get_by_text(f"Practice from move {moves + 1}").wait_for()
     assert me.errors == []
 
 

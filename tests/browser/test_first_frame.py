@@ -1,4 +1,7 @@
-"""What stands on the page before a board does: nothing moves when it comes, and both boards stand level."""
+"""Before its board comes, the page has its places: nothing moves when it comes.
+
+Both boards stand level.
+"""
 
 import pytest
 
@@ -31,6 +34,16 @@ def test_nothing_moves_when_the_board_comes(server, player, width, height, is_ne
     me = player(server, NO_3D, width, height, is_new=is_new)
     me.page.add_init_script(WATCH_SHIFTS)
     me.goto()
+    me.page.wait_for_timeout(500)
+    assert me.page.evaluate("() => window.shift") < MOST_SHIFT
+
+
+@pytest.mark.parametrize(("width", "height"), [(1440, 900), (820, 1180), (390, 844), (320, 640)])
+def test_nothing_moves_when_todays_board_comes(server, player, width, height):
+    me = player(server, NO_3D, width, height, is_new=True, has_touch=width < 1000)
+    me.page.add_init_script(WATCH_SHIFTS)
+    me.page.goto(f"{server.url}/daily")
+    me.page.locator(".prompt:not([hidden])").wait_for()
     me.page.wait_for_timeout(500)
     assert me.page.evaluate("() => window.shift") < MOST_SHIFT
 

@@ -1,4 +1,4 @@
-"""Somebody who has never heard of MarsExplorer, led by nothing but what the screen says, until the second terrain."""
+"""A first-time visitor is led by the screen alone, until the second terrain."""
 
 import re
 
@@ -34,7 +34,10 @@ class Visitor:
 
 
 def arrive(serve, player, **context):
-    """Open the page for the first time, on a terrain with no rock before the first move's end (the coach would warn of it)."""
+    """Open the page for the first time, on a terrain that begins without rock nearby.
+
+    The coach would warn of one.
+    """
     me = player(serve(Sources(seed=lambda: 3)), NO_3D, is_new=True, **context)
     me.goto()
     return Visitor(me)
@@ -48,15 +51,17 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     assert all(word in visitor.reads("key") for word in key)
     assert visitor.reads("board-rival") == "", "one board, until the first episode has ended"
     assert visitor.reads("coach-player") == ""
+    assert "Puzzles" in visitor.reads("ways"), "what else there is, before the first move"
 
     assert visitor.sees("prompt-player", "Press an arrow key")
     before, way = me.state()["discovered"], visitor.way()
     me.press(way)
     gained = me.state()["discovered"] - before
     hint = r"(\+\d+ new cells?)?\s*Your lidar uncovers what is in sight"
-    said = visitor.sees("coach-player", hint)
-    assert said.group(1) == (f"+{gained} new cell{'s' * (gained > 1)}" if gained else None)
+    hint_shown = visitor.sees("coach-player", hint)
+    assert hint_shown.group(1) == (f"+{gained} new cell{'s' * (gained > 1)}" if gained else None)
     assert visitor.reads("prompt-player") == ""
+    assert visitor.reads("ways") == ""
     me.shows("steps-player", "1")
     assert "score" not in page.locator("main").inner_text().lower(), "the score waits for the end"
 
@@ -130,7 +135,7 @@ def test_help_opens_by_button_and_by_key_and_says_what_everything_is(serve, play
     dialog = page.get_by_test_id("help-dialog")
     dialog.wait_for()
     text = dialog.inner_text()
-    words = ("Rules", "Score", "Who is Expert?", "rock", "Play ranked", "Enter")
+    words = ("Rules", "Score", "Who is Expert?", "rock", "Ranked", "Enter")
     assert all(word in text for word in words)
     links = {link.get_attribute("href") for link in dialog.get_by_role("link").all()}
     assert links >= {"about", "about#policies", "leaderboard", "docs", "daily", "study"}

@@ -1,4 +1,7 @@
-"""One bar on every page; Back, Forward and reload lead to the board that one was on, and drop nothing unasked."""
+"""One bar on every page; Back, Forward and reload lead to the board one was on.
+
+They drop nothing unasked.
+"""
 
 from itertools import pairwise
 

@@ -1,4 +1,7 @@
-"""The address can be given away, and a ranked episode cannot be dropped: two browsers, real keys, the database's own word."""
+"""The address can be given away, and a ranked episode cannot be dropped.
+
+Two browsers, real keys, and what the database says.
+"""
 
 import pytest
 
@@ -38,15 +41,15 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     friend.wait("window.playground.state.player.frame.step === 2")
     friend.shows("moves", "2")
     assert not [url for url in sent if "/api/sessions" in url]
-    known = str(friend.page.evaluate("() => JSON.stringify(window.playground.state)"))
-    assert begun["session"] not in friend.page.content() + known
+    state = str(friend.page.evaluate("() => JSON.stringify(window.playground.state)"))
+    assert begun["session"] not in friend.page.content() + state
     problems = []
     problems += judge(friend.page, "watching")
 
     me.press("north" if away == "south" else "west")
     assert me.state()["outcome"] == "out_of_bounds"
-    found = kept(me, episode)  # the friend's keys changed nothing
-    assert (found["driver"], found["counts"], found["steps"]) == ("human", True, 3)
+    stored = kept(me, episode)  # the friend's keys changed nothing
+    assert (stored["driver"], stored["counts"], stored["steps"]) == ("human", True, 3)
     replay = f"{me.url}/replay/{episode}"
     assert me.page.get_by_test_id("watch-replay").evaluate("link => link.href") == replay
 
@@ -114,12 +117,12 @@ def test_leaving_a_ranked_episode_asks_by_keyboard_and_costs_what_abandoning_cos
     me.page.keyboard.press("Tab")
     me.page.keyboard.press("Enter")
     me.wait("window.playground.state.mode === 'watch'")
-    told = {"outcome": "abandoned", "steps": 2, "counts": True, "steps_to_target": 108}
-    assert told.items() <= kept(me, episode).items()
+    fields = {"outcome": "abandoned", "steps": 2, "counts": True, "steps_to_target": 108}
+    assert fields.items() <= kept(me, episode).items()
     me.page.get_by_test_id("mode-practice").click()
     me.wait("window.playground.state.mode === 'practice'")
-    said = fetched(me.page, f"{me.url}/api/human-level").json()["sentence"]
-    assert "1 of them abandoned" in said
+    sentence = fetched(me.page, f"{me.url}/api/human-level").json()["sentence"]
+    assert "1 of them abandoned" in sentence
     assert problems == []
     assert me.errors == []
 

@@ -1,4 +1,4 @@
-"""Keys pressed while the server dies: every press and release is in the database exactly once."""
+"""Keys pressed while the server dies are stored exactly once, with their releases."""
 
 import os
 import signal

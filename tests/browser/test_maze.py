@@ -1,4 +1,7 @@
-"""A world of one's own in a real browser: played to its end, watched again, its daily maze and its leaderboard."""
+"""A world of one's own in a real browser.
+
+It is played to its end and watched again, with its daily maze and leaderboard.
+"""
 
 import pytest
 
@@ -32,7 +35,10 @@ def play(me, maze):
 
 
 def check_screen(page, name):
-    """The page fits each size, speaks of no rover, and axe finds nothing; a picture of it is kept."""
+    """The page fits each size, names no rover, and axe finds nothing.
+
+    A picture of it is kept.
+    """
     for size, (width, height) in SIZES.items():
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_timeout(300)
@@ -82,7 +88,7 @@ def test_a_world_of_ones_own_is_played_watched_again_and_compared(serve, player,
 
     page.goto(f"{server.url}/leaderboard")
     page.get_by_test_id("named").wait_for()
-    page.get_by_role("heading", name="People behind Far Wall").wait_for()
+    page.get_by_role("heading", name="Moves behind Far Wall").wait_for()
     check_screen(page, "leaderboard-people")
     page.get_by_test_id("view-policies").click()
     page.get_by_test_id("evaluate").click()

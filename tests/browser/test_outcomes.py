@@ -1,4 +1,7 @@
-"""People from a recruitment platform, one for each outcome, in a real browser: what they read, and what is paid."""
+"""People from a recruitment platform, one for each outcome.
+
+What they read in a real browser, and what is paid.
+"""
 
 import csv
 import io
@@ -19,14 +22,23 @@ TEXTS = {
     "over_quota": "C5FULL",
     "stopped_by_us": "C4STOPPED",
 }
-PAY = {"currency": "GBP", "base": 2, "each": 0.5, "hour": 9, "outcomes": {"failed_questions": 0.5}}
+PAY = {
+    "currency": "GBP",
+    "base": 2,
+    "bonus_per_unit": 0.5,
+    "hourly_rate": 9,
+    "outcomes": {"failed_questions": 0.5},
+}
 RETURN = "Please return your submission on Prolific."
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
 
 @pytest.fixture
 def from_prolific(open_browser, serve, tmp_path):
-    """`from_prolific(digit)` comes from Prolific with an ID of that digit, in a browser of their own."""
+    """`from_prolific(digit)` comes from Prolific with an ID of that digit.
+
+    Each has a browser of their own.
+    """
     freeze(
         tmp_path / "playground.db-studies", "tiny", platform="prolific", recruitment="panel",
         device="computer", question_tries=2, cap=4, warm_up=0, ranked=1, outcomes=TEXTS, payment=PAY,
@@ -133,8 +145,8 @@ def test_each_outcome_is_read_by_whoever_comes_to_it_and_is_paid_as_the_protocol
     look(busy, "stopped")
 
     out = tmp_path / "list.csv"
-    code, said, _ = command(capsys, "study", "payments", "tiny", "--csv", out, *database)
-    assert (code, "3 people have not agreed" in said) == (0, True)
+    code, output, _ = command(capsys, "study", "payments", "tiny", "--csv", out, *database)
+    assert (code, "3 people have not agreed" in output) == (0, True)
     rows = {row["identifier"][0]: row for row in csv.DictReader(io.StringIO(out.read_text()))}
     assert {key: (row["outcome"], row["code"]) for key, row in rows.items()} == {
         "3": ("failed_questions", ""),

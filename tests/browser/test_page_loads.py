@@ -1,4 +1,4 @@
-"""A participant who reloads, opens a second tab, loses the connection and comes back is counted as one who does not."""
+"""Whoever reloads, opens a second tab or loses the connection counts as others do."""
 
 import random
 import sqlite3
@@ -21,7 +21,10 @@ PACE_MS = (250, 700)
 
 
 class Visitor(Participant):
-    """A participant at a person's pace; `away_s` is how long nobody could have been at the board, at most."""
+    """A participant at a person's pace.
+
+    `away_s` is how long at most nobody could have been at the board.
+    """
 
     def __init__(self, page, url):
         super().__init__(page, url)
@@ -50,7 +53,7 @@ class Visitor(Participant):
 
 
 def to_ranked(open_browser, server):
-    """Walk somebody through everything before the ranked episodes, which begin with Enter."""
+    """Go through everything before the ranked episodes, which begin with Enter."""
     me = Visitor(open_browser([*NO_3D, *AS_A_PERSON]).new_context().new_page(), server.url)
     me.goto().stands("consent")
     me.choose("agree")
@@ -70,7 +73,7 @@ def look_elsewhere(me):
 
 
 def open_a_second_tab(me):
-    """Open the study in a second tab and close it, with the first one out of sight meanwhile."""
+    """Open the study in a second tab, with the first one hidden, and close it."""
     tab = Participant(me.page.context.new_page(), me.url)
     tab.goto().driving()
     assert tab.frame == me.frame

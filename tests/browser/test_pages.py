@@ -1,4 +1,7 @@
-"""Every page in a browser: axe finds nothing in either theme, nothing is too wide, and the choice of colours stays."""
+"""Every page in a browser.
+
+Axe finds nothing in either theme, nothing is too wide, and the choice of colours stays.
+"""
 
 import pytest
 
@@ -17,7 +20,10 @@ READ = ("about", "study", "leaderboard", "docs", "nowhere/at/all")
 
 @pytest.fixture
 def site(serve, tmp_path):
-    """A server with a study that is open to everybody, one by invitation, and an ended episode; and where its pages are."""
+    """A server with two studies and an ended episode, and where its pages are.
+
+    One study is open to everybody, one by invitation.
+    """
     title = "How well do people explore dunes?"
     freeze(tmp_path / "playground.db-studies", "dunes", recruitment="open", title=title)
     freeze(tmp_path / "playground.db-studies", "secret", recruitment="invitation")
@@ -53,14 +59,14 @@ class Reader:
         self.page.goto(f"{self.url}/{path}", wait_until="load")
         is_there = "document.fonts.status === 'loaded' && Boolean(document.querySelector('main'))"
         self.page.wait_for_function(f"() => {is_there}")
-        where = f"/{path} {self.theme} {size}"
-        self.found += [f"{where}: {each}" for each in violations(self.page)]
-        self.check_width(where, width)
+        screen = f"/{path} {self.theme} {size}"
+        self.found += [f"{screen}: {problem}" for problem in violations(self.page)]
+        self.check_width(screen, width)
 
-    def check_width(self, where, width):
+    def check_width(self, screen, width):
         reached = self.page.evaluate("document.documentElement.scrollWidth")
         if reached > width:
-            self.found.append(f"{where}: {reached} px wide")
+            self.found.append(f"{screen}: {reached} px wide")
 
 
 def test_pages_that_are_read_have_nothing_that_axe_finds(site, open_browser):
@@ -121,9 +127,9 @@ def test_the_page_of_a_closed_evaluation_has_people_and_agents_on_one_scale(
         assert reader.found == []
     page = reader.page
     rows = page.get_by_test_id("row").all()
-    who = [each.get_attribute("data-who") for each in rows]
+    who = [row.get_attribute("data-who") for row in rows]
     assert sorted(who) == ["agent", "agent", "agent", "people", "policy"]
-    dots = [each.locator(".dot").bounding_box()["x"] for each in rows]
+    dots = [row.locator(".dot").bounding_box()["x"] for row in rows]
     assert dots == sorted(dots, reverse=True), "one scale, the best first"
     further = rows[0].inner_text()  # it knew the maps
     assert "has seen these instances, and does not rank" in further

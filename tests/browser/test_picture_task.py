@@ -1,4 +1,7 @@
-"""FrozenLake in a real browser: played by keys and buttons on its own picture, watched again, and a study of it."""
+"""FrozenLake in a real browser.
+
+It is played by keys and buttons on its picture and watched again, also in a study.
+"""
 
 import sqlite3
 from contextlib import closing
@@ -146,31 +149,33 @@ def test_a_study_of_it_is_played_from_consent_to_code(spawn, tmp_path, player, b
     assert me.errors == []
     with closing(sqlite3.connect(tmp_path / "playground-frozenlake-v1.db")) as conn:
         sql = "SELECT phase, attestation, task FROM episodes e JOIN series_episodes s ON s.episode_id = e.id"
-        found = conn.execute(sql).fetchall()
-    ranked = [each for each in found if each[0] == "ranked"]
+        episodes = conn.execute(sql).fetchall()
+    ranked = [episode_row for episode_row in episodes if episode_row[0] == "ranked"]
     assert ranked == [("ranked", "attested", LAKE)] * 2
     assert verify_database(tmp_path / "playground-frozenlake-v1.db").findings == ()
 
 
 def test_one_shown_as_text_is_played_by_the_keys_of_its_file(serve, tmp_path, player):
-    given = {
+    fields = {
         "id": "tests.support.environments:Path-v0",
         "title": "Home",
         "instructions": "Walk home.",
     }
-    given |= {
+    fields |= {
         "keys": {"ArrowUp": "forward", "ArrowDown": "back"},
         "success": "info.home",
         "score": "info.coins",
     }
-    me = player(serve(task=f"gymnasium:{Description(**given).told}"), [*NO_3D, *AS_A_PERSON]).goto()
+    me = player(
+        serve(task=f"gymnasium:{Description(**fields).told}"), [*NO_3D, *AS_A_PERSON]
+    ).goto()
     page = me.page
     shown = page.locator("pre.picture").first
     assert (page.get_by_test_id("goal").inner_text(), "@" in shown.inner_text()) == (
         "Walk home.",
         True,
     )
-    assert [each.inner_text() for each in page.locator(".pad button").all()] == [
+    assert [button.inner_text() for button in page.locator(".pad button").all()] == [
         "",
         "",
     ]  # arrows: waving has no key
@@ -182,8 +187,8 @@ def test_one_shown_as_text_is_played_by_the_keys_of_its_file(serve, tmp_path, pl
 
 
 def test_what_is_not_allowed_is_grey_and_a_key_for_it_says_so_and_sends_nothing(serve, player):
-    told = Description(id="tests.support.masked_environments:Doors-v0", title="Doors").told
-    me = player(serve(task=f"gymnasium:{told}"), [*NO_3D, *AS_A_PERSON]).goto()
+    text = Description(id="tests.support.masked_environments:Doors-v0", title="Doors").told
+    me = player(serve(task=f"gymnasium:{text}"), [*NO_3D, *AS_A_PERSON]).goto()
     page, pad = me.page, {name: f"pad-{name}" for name in ("left", "right", "open")}
     page.evaluate("document.body.dataset.pad = 'true'")
     me.wait("window.playground.state.link === 'open'")

@@ -1,4 +1,7 @@
-"""What a person does with the page, in a real browser on a real server, checked against the database and the export."""
+"""What a person does with the page, checked against the database and the export.
+
+In a real browser on a real server.
+"""
 
 import csv
 import io
@@ -78,12 +81,12 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     assert len(exported) == moves
     sql = "select step, action, input from steps where episode_id = ? order by step"
     with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
-        kept = db.execute(sql, [frame["episode"]]).fetchall()
-    assert [row[0] for row in kept] == list(range(moves))
-    assert {row[2] for row in kept} == {"key"}
+        steps = db.execute(sql, [frame["episode"]]).fetchall()
+    assert [row[0] for row in steps] == list(range(moves))
+    assert {row[2] for row in steps} == {"key"}
     words = ["north", "east", "south", "west"]
-    assert [row["action"] for row in exported] == [words[row[1]] for row in kept]
-    assert [words[row[1]] for row in kept[:2]] == [there, back]
+    assert [row["action"] for row in exported] == [words[row[1]] for row in steps]
+    assert [words[row[1]] for row in steps[:2]] == [there, back]
     level = fetched(me.page, f"{server.url}/api/human-level").json()["figures"]
     assert [(figure["players"], figure["episodes"]) for figure in level] == [(1, 1)]
 
@@ -96,10 +99,10 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
 
 
 def assert_map_is_beside_the_route(me):
-    """The small map lies over a corner where the rover has never been, or it is not shown."""
+    """The small map covers a corner where the rover never was, or it is hidden."""
     corner = me.page.get_by_test_id("board-player").get_attribute("data-corner")
     frame = me.state()
-    down, across = [np.array(each) for each in zip(*me.state("player.trail"), strict=True)]
+    down, across = [np.array(axis) for axis in zip(*me.state("player.trail"), strict=True)]
     down = down if corner.startswith("north") else frame["rows"] - 1 - down
     across = across if corner.endswith("west") else frame["cols"] - 1 - across
     is_covered = (down < frame["rows"] / 4) & (across < frame["cols"] / 4)
@@ -199,7 +202,7 @@ def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
     assert me.page.get_by_test_id("level").input_value() == "cave"
     me.page.get_by_test_id("more-levels").click()
     me.page.get_by_role("button", name="warehouse").click()
-    assert {each.get_attribute("aria-pressed") for each in pictures.all()} == {"false"}
+    assert {button.get_attribute("aria-pressed") for button in pictures.all()} == {"false"}
     assert me.page.get_by_test_id("seed").is_hidden(), "a map has a terrain of its own"
     me.page.get_by_test_id("start").click()
     me.wait("window.playground.state.level === 'warehouse'")
@@ -265,8 +268,8 @@ def test_a_page_says_how_far_an_environment_that_was_lost_is_made_again(serve, p
         session.channel.notify()
 
     server.on_loop(tell())
-    said = "The environment was lost. It is made again: move 2 of 5."
-    me.page.get_by_test_id("clock").get_by_text(said).wait_for()
+    sentence = "The environment was lost. It is made again: move 2 of 5."
+    me.page.get_by_test_id("clock").get_by_text(sentence).wait_for()
     me.press("east")
     me.page.get_by_test_id("clock").wait_for(state="hidden")
 
@@ -309,11 +312,14 @@ def test_a_second_tab_is_harmless(serve, player):
 
 
 def boxes_of(page, *test_ids):
-    return [page.get_by_test_id(each).bounding_box() for each in test_ids]
+    return [page.get_by_test_id(test_id).bounding_box() for test_id in test_ids]
 
 
 def fits(page, test_ids, width, height):
-    """Every one of these elements is on the screen whole, without scrolling, once a canvas has taken the size of its place."""
+    """These elements are wholly on the screen, without scrolling.
+
+    It is checked once a canvas has taken the size of its place.
+    """
 
     def is_whole(box):
         right, end = box["x"] + box["width"], box["y"] + box["height"]
@@ -324,7 +330,7 @@ def fits(page, test_ids, width, height):
 
 
 def whole(page, *test_ids):
-    """Nothing covers or cuts off these elements: at each of their corners they are what is seen."""
+    """Nothing covers these elements: at each of their corners they are what is seen."""
     seen = """(element) => {
       const { left, right, top, bottom } = element.getBoundingClientRect();
       const corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
@@ -333,7 +339,9 @@ def whole(page, *test_ids):
         return element.contains(document.elementFromPoint(x + 6 * across, y + 6 * along));
       });
     }"""
-    assert [each for each in test_ids if not page.get_by_test_id(each).evaluate(seen)] == []
+    assert [
+        test_id for test_id in test_ids if not page.get_by_test_id(test_id).evaluate(seen)
+    ] == []
 
 
 def apart(page, *test_ids):
@@ -367,9 +375,16 @@ def test_a_phone_shows_one_board_at_a_time_and_a_tablet_both(serve, player):
     me = player(serve(), NO_3D, 390, 844, **phone)
     me.begin(size=[9, 12], rival="frontier-cost")
     page = me.page
-    own = ("board-player", "steps-player", "canvas-player", "pad-north", "pad-south", "daily-link")
-    own = (*own, "leaderboard-link")
-    fits(page, own, 390, 844)
+    names = (
+        "board-player",
+        "steps-player",
+        "canvas-player",
+        "pad-north",
+        "pad-south",
+        "daily-link",
+    )
+    names = (*names, "leaderboard-link")
+    fits(page, names, 390, 844)
     apart(page, "board-player", "pad-north")
     whole(page, "daily-link", "leaderboard-link")
     assert page.get_by_test_id("board-rival").is_hidden()

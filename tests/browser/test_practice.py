@@ -11,7 +11,7 @@ pytestmark = pytest.mark.timeout(900)
 @pytest.fixture
 def practising(open_browser, serve, studies):  # noqa: F811
     """`practising()` begins two tries at two warm-up terrains, one of which must do."""
-    studies(pause_after_s=900, warm_up=2, ranked=1, practice={"reach": 1, "tries": 2})
+    studies(pause_after_s=900, warm_up=2, ranked=1, practice={"episodes_to_pass": 1, "tries": 2})
     server = serve()
 
     def start():

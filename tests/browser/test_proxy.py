@@ -17,7 +17,9 @@ def test_playing_behind_tls_and_a_path_prefix(serve, player, nginx):
 
     def is_open():
         me.page.evaluate("() => 1")  # Playwright tells of sockets only while it is asked something
-        return [each for each in sockets if "/mars/viewer/" in each.url and not each.is_closed()]
+        return [
+            socket for socket in sockets if "/mars/viewer/" in socket.url and not socket.is_closed()
+        ]
 
     eventually(is_open)
     view = me.still("stage-player")
@@ -28,6 +30,6 @@ def test_playing_behind_tls_and_a_path_prefix(serve, player, nginx):
     cookies = me.page.context.cookies()
     assert cookies
     assert all(cookie["secure"] and cookie["httpOnly"] for cookie in cookies)
-    kept = fetched(me.page, f"{me.url}/api/sessions/{about['session']}").json()
-    assert kept["step"] == 1
+    frame = fetched(me.page, f"{me.url}/api/sessions/{about['session']}").json()
+    assert frame["step"] == 1
     assert me.errors == []

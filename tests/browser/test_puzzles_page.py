@@ -1,4 +1,4 @@
-"""The puzzles' page: a position is answered by a key or a button, and what was chosen stays in the browser."""
+"""The puzzles' page: a key or a button answers, and the browser keeps the choice."""
 
 import json
 
@@ -26,8 +26,8 @@ def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(
     wrong += judge(page, "puzzle-open")
     puzzles = puzzles_of("mars")
     ids = [puzzle["id"] for puzzle in page.evaluate("() => window.puzzles.today.puzzles")]
-    answers = [puzzles[each].answer for each in ids]
-    blocked = next((each for each in KEY_OF if each not in answers[0].means), None)
+    answers = [puzzles[ident].answer for ident in ids]
+    blocked = next((direction for direction in KEY_OF if direction not in answers[0].means), None)
     if blocked:
         page.keyboard.press(KEY_OF[blocked])
         assert page.get_by_test_id("verdict").is_hidden(), "a rock is no answer"
@@ -35,9 +35,18 @@ def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(
     page.get_by_text(f"{answers[0].best.capitalize()} is right.").wait_for()
     text = page.get_by_test_id("verdict").inner_text()
     assert f"saves {round(answers[0].saves)} moves on average" in text
+    reason = page.get_by_test_id("why")
+    shows = answers[0].shows
+    second = min(
+        (move for move in answers[0].means if move != answers[0].best), key=answers[0].means.get
+    )
+    shows_more = len(shows[answers[0].best]) > len(shows[second])
+    assert ("brings in sight" in reason.inner_text()) == shows_more, "the answer says why"
+    saves_later = not shows_more and answers[0].here > 0
+    assert ("comes later" in reason.inner_text()) == saves_later
     wrong += judge(page, "puzzle-right")
     page.get_by_test_id("next").click()
-    other = next(each for each in answers[1].means if each != answers[1].best)
+    other = next(direction for direction in answers[1].means if direction != answers[1].best)
     page.get_by_test_id(f"move-{other}").click()
     page.get_by_text(f"{answers[1].best.capitalize()} was better than {other}.").wait_for()
     wrong += judge(page, "puzzle-wrong")
@@ -50,8 +59,8 @@ def test_three_puzzles_are_answered_by_keys_and_buttons_and_a_reload_keeps_them(
     page.get_by_text("That was today: 2 of 3 right.").wait_for()
     stored = page.evaluate("() => JSON.parse(localStorage.getItem('humanplay.puzzles'))")
     (choices,) = stored.values()
-    assert [each["answer"] for each in choices] == [answers[0].best, other, answers[2].best]
-    assert all(set(each) == {"id", "answer", "ms"} and each["ms"] > 0 for each in choices)
+    assert [choice["answer"] for choice in choices] == [answers[0].best, other, answers[2].best]
+    assert all(set(choice) == {"id", "answer", "ms"} and choice["ms"] > 0 for choice in choices)
     assert sent == []
     assert wrong == []
     assert me.errors == []

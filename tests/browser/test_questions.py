@@ -1,4 +1,7 @@
-"""Blocks of questions in a real browser: by keyboard, on a phone, with "prefer not to say", a reload and a skipped rest."""
+"""Blocks of questions in a real browser.
+
+By keyboard, on a phone, with "prefer not to say", a reload and a skipped rest.
+"""
 
 import sqlite3
 from contextlib import closing
@@ -16,7 +19,10 @@ pytestmark = pytest.mark.timeout(600)
 
 @pytest.fixture
 def joined(open_browser, serve, tmp_path):
-    """`joined(*blocks)` has agreed to a study with these blocks, in a browser of their own."""
+    """`joined(*blocks)` is a person who has agreed to a study with these blocks.
+
+    Each has a browser of their own.
+    """
 
     def start(*blocks, **context):
         plan = {"blocks": blocks, "warm_up": 0, "ranked": 1, **context.pop("plan", {})}
@@ -42,12 +48,15 @@ def rows(tmp_path, sql):
 
 
 def look(person, name):
-    """What axe finds on the screen at both sizes, and whether it fits 320 pixels; a picture of each is kept."""
-    found = judge(person.page, name, full_page=True)
+    """What axe finds at both sizes, and whether the screen fits 320 pixels.
+
+    A picture of each is kept.
+    """
+    problems = judge(person.page, name, full_page=True)
     person.page.set_viewport_size({"width": 320, "height": 700})
     assert person.page.evaluate("document.documentElement.scrollWidth") <= 320
     keep_picture(person.page, f"{name}-320", full_page=True)
-    return found
+    return problems
 
 
 def at(person, name):

@@ -1,6 +1,8 @@
-"""How people come into a study, in a real browser: invitations, refused links, the operator's code, the operator's list."""
+"""How people come into a study, in a real browser.
 
-import json
+Invitations, refused links, the operator's code, the operator's list.
+"""
+
 import sqlite3
 from contextlib import closing
 
@@ -13,6 +15,7 @@ from humanplay.study.recruitment import code_of
 from tests.browser.test_study_page import Participant
 from tests.support.browser import AS_A_PERSON, NO_3D, fetched, judge
 from tests.support.declared import DECLARATIONS_FILE
+from tests.support.drafts import draft_of, edit_draft
 from tests.support.servers import eventually
 from tests.support.study import freeze
 
@@ -21,16 +24,19 @@ PASSWORD = "red-planet-4"
 
 @pytest.fixture
 def visitor(open_browser):
-    """`visitor(url)` opens an address in a fresh browser profile; the page stands when it is returned."""
+    """`visitor(url)` opens an address in a fresh browser profile.
+
+    The page has loaded when it is returned.
+    """
 
     def start(url, server):
         wide = {"width": 1440, "height": 900}
         browser = open_browser((*NO_3D, *AS_A_PERSON))
         profile = browser.new_context(viewport=wide, reduced_motion="reduce")
-        found = Participant(profile.new_page(), server.url)
-        found.page.goto(url)
-        found.wait("window.study && window.study.screen !== 'loading'")
-        return found
+        participant = Participant(profile.new_page(), server.url)
+        participant.page.goto(url)
+        participant.wait("window.study && window.study.screen !== 'loading'")
+        return participant
 
     return start
 
@@ -48,7 +54,7 @@ def refusal(person):
 
 @pytest.fixture
 def invited(serve, tmp_path):
-    """A server with an operator and a study by invitation, the study, and two invitations."""
+    """A server with an operator and a study by invitation, the study, two invitations."""
     study = freeze(
         tmp_path / "playground.db-studies", "tiny", recruitment="invitation", pause_after_s=1
     )
@@ -67,8 +73,8 @@ def test_a_platforms_id_leaves_the_address_and_a_reload_goes_on_with_it(serve, v
     me.choose("agree")
     me.stands("instructions")
     with closing(sqlite3.connect(tmp_path / "playground.db")) as database:
-        found = database.execute("SELECT name, value FROM identities ORDER BY name").fetchall()
-    assert found == [("PROLIFIC_PID", "p-77"), ("SESSION_ID", "s")]
+        identities = database.execute("SELECT name, value FROM identities ORDER BY name").fetchall()
+    assert identities == [("PROLIFIC_PID", "p-77"), ("SESSION_ID", "s")]
 
 
 def test_a_link_lets_one_browser_in_and_a_copied_address_none(invited, visitor):
@@ -86,10 +92,12 @@ def test_a_link_lets_one_browser_in_and_a_copied_address_none(invited, visitor):
     me.choose("agree")
     me.stands("instructions")
     other.choose("agree")
-    said = "This invitation has been used: if it was you, go on in the browser in which you began"
-    assert refusal(other).startswith(said)
-    said = "This study is by invitation: open the link that you were sent."
-    assert refusal(visitor(me.page.url, server)) == said
+    sentence = (
+        "This invitation has been used: if it was you, go on in the browser in which you began"
+    )
+    assert refusal(other).startswith(sentence)
+    sentence = "This study is by invitation: open the link that you were sent."
+    assert refusal(visitor(me.page.url, server)) == sentence
     code = code_of(study, server.services.lobby.sources.clock_ms())
     supervise(me, code)
     me.choose("to-tutorial")
@@ -148,7 +156,7 @@ def test_the_operator_makes_watches_and_revokes_links_and_axe_finds_nothing_wher
     operator.keyboard.press("Enter")
     operator.get_by_test_id("links").wait_for(state="visible")
     links = operator.get_by_test_id("links").input_value().split()
-    assert [each.split("=")[0] for each in links] == [f"{server.url}/study/tiny?invitation"] * 3
+    assert [link.split("=")[0] for link in links] == [f"{server.url}/study/tiny?invitation"] * 3
     operator.get_by_role("button", name=f"Revoke {second.id}").press("Enter")
     operator.locator(f"[data-testid=invitation-{second.id}][data-state=revoked]").wait_for()
     assert judge(operator, "admin-invitations", full_page=True) == []
@@ -169,16 +177,10 @@ def command(capsys, *args):
     """Run `marsexplorer ...`, expect success and return what it printed."""
     capsys.readouterr()
     with pytest.raises(SystemExit) as ended:
-        main([str(each) for each in args])
-    said = capsys.readouterr()
-    assert ended.value.code == 0, (args, said.out, said.err)
-    return said.out
-
-
-def edit_draft(path, **changed):
-    """Change fields of a draft, as a researcher does with an editor."""
-    protocol = json.loads(path.read_text())
-    path.write_text(json.dumps({**protocol, **changed}))
+        main([str(arg) for arg in args])
+    output = capsys.readouterr()
+    assert ended.value.code == 0, (args, output.out, output.err)
+    return output.out
 
 
 @pytest.mark.long
@@ -196,7 +198,7 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
         f"--declarations={DECLARATIONS_FILE}",
     ]
     command(capsys, "study", "new", "tiny", *plan, *database)
-    draft = tmp_path / "playground.db-studies" / "tiny" / "protocol.json"
+    draft = draft_of(tmp_path / "playground.db-studies", "tiny")
     edit_draft(draft, debrief_policy="frontier-cost", pause_after_s=900)
     assert "by invitation" in command(
         capsys, "study", "freeze", "tiny", "--underpowered", *database

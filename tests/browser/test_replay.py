@@ -1,4 +1,4 @@
-"""A replay in a browser: on the server's page and as one file from a disk without a network."""
+"""A replay in a browser, on the server's page and as a file without a network."""
 
 import re
 

@@ -25,6 +25,18 @@ ROWS_OF_TEXT = """(row) => [...row.cells].map((cell) => {
     return rows.size;
 })"""
 """How many lines of text a table's row has in its cells, none where a cell is not shown."""
+ROWS_ARE_FULL = """() => {
+    const right = (part) => Math.round(document.querySelector(part).getBoundingClientRect().right);
+    const ends = new Map();
+    for (const part of document.querySelectorAll(".pictures li, .play-on:not([hidden])")) {
+        const { top, right: end } = part.getBoundingClientRect();
+        ends.set(Math.round(top), Math.round(end));
+    }
+    const panels = [...document.querySelectorAll("main > section:not([hidden], #streaks-part)")];
+    const edges = new Set(panels.map((part) => Math.round(part.getBoundingClientRect().right)));
+    return edges.size === 1 && [...ends.values()].every((end) => Math.abs(end - right(".gallery")) <= 1);
+}"""
+"""Whether every row of pictures ends where the others do, and so does every panel."""
 CUT = "(part) => part.scrollWidth > part.clientWidth || part.scrollHeight > part.clientHeight"
 
 
@@ -54,6 +66,8 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
     top = page.locator(".site").bounding_box()["y"]
     for part in ("#question", ".pad"):
         assert bottom(page.locator(part)) <= top, part
+    board = page.get_by_test_id("board")
+    eventually(lambda: board.bounding_box()["width"] >= 250)  # the arrows are one row
     page.locator(".pad button:enabled").first.click()
     page.get_by_test_id("verdict").wait_for()
     for width, height in ((820, 1180), (390, 844), SMALL):
@@ -67,6 +81,9 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
         page.get_by_test_id("verdict").wait_for()
     page.get_by_test_id("done").wait_for()
     eventually(lambda: bottom(page.locator(".done .buttons")) <= top)
+    ways = [way.bounding_box()["y"] for way in page.locator(".done .buttons > *").all()]
+    assert len(ways) == 3, "to today's terrain, to share it, and to play"
+    assert len(set(ways)) == 1, "one row"
 
 
 def test_on_a_phone_the_prompt_covers_no_cell_of_the_board(small):
@@ -85,8 +102,29 @@ def test_on_a_phone_the_prompt_covers_no_cell_of_the_board(small):
             pad, foot = page.locator(".pad").bounding_box(), page.locator(".site").bounding_box()
             assert bottom(prompt) <= pad["y"], (path, width)
             assert pad["y"] + pad["height"] <= foot["y"], (path, width)
+            assert canvas.bounding_box()["width"] >= 210, (path, width)
     assert page.get_by_test_id("standing").is_visible()
     assert page.get_by_test_id("standing").inner_text() == "One attempt: your first move starts it."
+
+
+def test_beside_a_policy_every_screen_says_what_to_do_until_the_first_move(small):
+    page = small.page
+    small.goto()
+    page.evaluate("() => localStorage.setItem('humanplay.visited', 'yes')")
+    page.reload()
+    small.wait("document.body.dataset.boards === '2' && window.playground.state.rival")
+    goal, pad = page.get_by_test_id("goal"), page.locator(".pad")
+    for width, height in ((1440, 900), (1024, 768), (820, 1180), (390, 844), SMALL):
+        page.set_viewport_size({"width": width, "height": height})
+        foot = page.locator(".site").bounding_box()["y"] if width < 480 else height
+        eventually(lambda foot=foot: 0 < bottom(goal) <= foot)
+        if width <= 480:
+            assert bottom(pad) <= goal.bounding_box()["y"], "no arrow moves when it goes"
+            assert page.get_by_test_id("tab-rival").inner_text() == "Expert: 0 moves"
+    before = pad.bounding_box()
+    small.press("east")
+    goal.wait_for(state="hidden")
+    assert pad.bounding_box() == before
 
 
 def test_before_a_ranked_episode_every_screen_says_that_it_counts(small):
@@ -183,6 +221,8 @@ def test_on_a_phone_a_replay_has_a_bar_of_one_row_and_its_buttons_in_sight(small
         others = page.locator(".actions").get_by_text("Play")
         assert page.get_by_role("link", name="Beat this").count() == 1
         assert others.count() == 0, "a second button of that name does something else"
+    page.set_viewport_size({"width": 1440, "height": 900})
+    eventually(lambda: page.locator("#scrubber").bounding_box()["height"] >= 140)
     for width in (820, 1024, 1180, 1300):
         page.set_viewport_size({"width": width, "height": 768})
         assert page.evaluate("document.documentElement.scrollWidth") == width
@@ -202,13 +242,26 @@ def test_the_page_of_ones_own_episodes_is_whole_on_a_small_phone_and_fills_a_wid
         for row in page.locator("#rows tr").all():
             assert row.evaluate(ROWS_OF_TEXT) == [1] * 7, width
             assert row.bounding_box()["height"] < 60, "two lines"
+    page.get_by_test_id("play-on").wait_for()
+    name = page.get_by_test_id("name")
+    name.fill("Wilhelmina of Mammut")
+    assert not name.evaluate(CUT), "a name of twenty characters is whole"
+    for width in (1440, 1024, 820, 390, 320):
+        page.set_viewport_size({"width": width, "height": 900})
+        eventually(lambda: page.evaluate(ROWS_ARE_FULL))
     page.set_viewport_size({"width": 1440, "height": 900})
     page.locator("#streaks li").first.wait_for()
+    picture = """() => document.querySelector("#pictures canvas").toDataURL()"""
+    page.emulate_media(color_scheme="dark")
+    drawn = page.evaluate(picture)
+    page.emulate_media(color_scheme="light")
+    eventually(lambda: page.evaluate(picture) != drawn)  # in the colours of the page
     name, streaks, history = (
         page.locator(part).bounding_box() for part in ("#name-part", "#streaks-part", "#history")
     )
     assert name["y"] == streaks["y"]
-    assert abs(streaks["x"] + streaks["width"] - history["x"] - history["width"]) < 1
+    assert streaks["x"] == history["x"]
+    assert abs(name["x"] + name["width"] - history["x"] - history["width"]) < 1
 
 
 def test_beside_two_boards_on_a_low_screen_the_end_card_is_read_without_scrolling(small):
@@ -234,7 +287,7 @@ def test_on_a_tablet_a_study_has_a_bar_of_one_row_and_a_board_as_wide_as_the_scr
     eventually(lambda: matrix.bounding_box()["width"] > 700)
     assert page.locator(".study .bar").bounding_box()["height"] < 60
     person.explore()
-    for size in ((820, 1180), (1440, 900)):
+    for size in ((820, 1180), (390, 844), SMALL, (1024, 768), (1440, 900)):
         page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
         eventually(lambda: page.evaluate(CARD_IS_BESIDE))  # once the board is drawn anew
 
@@ -249,7 +302,46 @@ def test_on_a_small_phone_the_coach_of_a_study_is_read_whole(small):
     assert not person.page.get_by_test_id("coach").evaluate(CUT)
     heading, dot = (person.page.locator(part).bounding_box() for part in (".heading", "#link"))
     assert heading["x"] + heading["width"] <= dot["x"]
-    assert bottom(person.page.locator(".tools")) <= SMALL[1]
+    pad = person.page.locator(".pad")
+    assert bottom(pad) <= SMALL[1]
+    over = bottom(person.page.locator(".tools"))
+    assert pad.bounding_box()["y"] - over >= 24, (
+        "giving up is off the arrows, which are hit blindly"
+    )
+
+
+def test_help_on_a_phone_is_of_touches_and_elsewhere_of_keys(small):
+    page = small.page
+    small.goto()
+    page.get_by_test_id("open-help").click()
+    text = page.get_by_test_id("help-dialog").inner_text()
+    assert "By touch" in text
+    assert "Two fingers enlarge a board" in text
+    assert not any(key in text for key in ("Enter", "Esc", "Ctrl", "key press"))
+
+
+def test_on_a_small_phone_the_way_to_another_device_and_its_code_are_read_whole(small):
+    person = Participant(small.page, small.url).goto()
+    person.stands("consent")
+    person.page.get_by_test_id("agree").click()
+    person.stands("instructions")
+    text = person.page.get_by_test_id("instructions").inner_text()
+    assert "Play with the buttons on the screen." in text
+    assert "Your keys" not in text
+    code = person.page.get_by_test_id("recovery-code")
+    assert code.evaluate("(part) => part.getClientRects().length") == 1, "a code is one line"
+    person.page.get_by_test_id("open-elsewhere").click()
+    person.page.get_by_test_id("elsewhere-address").wait_for(state="visible")
+    for height in (640, 568):
+        person.page.set_viewport_size({"width": 320, "height": height})
+        dialog, button, qr = (
+            person.page.get_by_test_id(name).bounding_box()
+            for name in ("elsewhere", "close-elsewhere", "elsewhere-qr")
+        )
+        assert not person.page.get_by_test_id("elsewhere").evaluate(CUT), height
+        assert dialog["y"] + dialog["height"] <= height
+        assert button["y"] + button["height"] <= dialog["y"] + dialog["height"]
+        assert qr["y"] + qr["height"] <= button["y"]
 
 
 def test_on_a_small_phone_the_leaderboard_begins_with_sentences(small):
@@ -259,6 +351,9 @@ def test_on_a_small_phone_the_leaderboard_begins_with_sentences(small):
     line.get_by_role("link").wait_for()
     assert line.inner_text().startswith("Choose a name to stand here by it.")
     head, text = page.locator(".named-head").bounding_box(), line.bounding_box()
+    assert page.locator(".slots i").count() == 5, "as many terrains as a place takes"
+    play = page.get_by_role("link", name="Play ranked")
+    assert bottom(play) <= page.locator(".site").bounding_box()["y"]
     assert head["height"] < 50
     assert text["y"] - head["y"] - head["height"] >= 6
 

@@ -1,4 +1,4 @@
-"""The 3-D view where the processor draws it: on an overlay over the client's canvas; elsewhere as ever."""
+"""The 3-D view drawn by the processor: on an overlay over the client's canvas."""
 
 import io
 

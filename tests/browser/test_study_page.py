@@ -1,4 +1,7 @@
-"""A participant in a study in a real browser: keyboard alone, with reloads, a second tab and a killed server."""
+"""A participant in a study in a real browser.
+
+By keyboard alone, with reloads, a second tab and a killed server.
+"""
 
 import json
 import sqlite3
@@ -29,7 +32,10 @@ COLOURFUL = ("consent", "settings", "tutorial", "questions-wrong", "ranked-end",
 
 @pytest.fixture
 def studies(tmp_path):
-    """`studies(...)` freezes the study "tiny", with a protocol as asked for, and returns the folder."""
+    """`studies(...)` freezes the study "tiny" with some fields.
+
+    It returns the folder.
+    """
 
     def make(size=(6, 8), **rest):
         folder = Folder(tmp_path / "playground.db-studies")
@@ -52,7 +58,10 @@ def studies(tmp_path):
 
 
 class Participant(Player):
-    """A person on the study's page who uses the keyboard; `received` is everything that came over the network."""
+    """A person on the study's page who uses the keyboard.
+
+    `received` is everything that came over the network.
+    """
 
     def __init__(self, page, url, query=""):
         super().__init__(page, url)
@@ -175,7 +184,10 @@ def frames_in(message):
 
 
 class Screens:
-    """Judges the screens of a participant's page with axe, keeps what is wrong with each in `found`, and pictures of them."""
+    """Checks the screens of a participant's page with axe.
+
+    Collects the problems of each, and pictures.
+    """
 
     def __init__(self, me):
         self.page = me.page
@@ -188,8 +200,8 @@ class Screens:
         for palette in ("colour-blind", "high-contrast", "standard") if name in COLOURFUL else ():
             self.page.evaluate(f"document.documentElement.dataset.palette = '{palette}'")
             if palette != "standard":
-                found = violations(self.page, runOnly=["color-contrast"])
-                self.found += [f"{name}, {palette}: {each}" for each in found]
+                problems = violations(self.page, runOnly=["color-contrast"])
+                self.found += [f"{name}, {palette}: {problem}" for problem in problems]
 
     def dialog(self, name):
         """Open a dialog, judge it and close it."""
@@ -250,16 +262,16 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     me.press(me.next_action())
     screens.look("ranked")
     screens.dialog("give-up")
-    kept = me.frame
+    frame = me.frame
     me.page.reload()
     me.driving()
-    assert me.frame == kept, "a reload goes on in the same episode at the same step"
+    assert me.frame == frame, "a reload goes on in the same episode at the same step"
 
     tab = Participant(me.page.context.new_page(), me.url)
     tab.goto().driving()
-    assert tab.frame == kept
+    assert tab.frame == frame
     tab.press(tab.next_action())
-    me.wait(f"window.study.state.game.player.frame.step === {kept['step'] + 1}")
+    me.wait(f"window.study.state.game.player.frame.step === {frame['step'] + 1}")
     tab.page.close()
     assert me.explore()["episode"] == first
     assert "Score" not in me.page.get_by_test_id("end-figures").inner_text()
@@ -273,13 +285,13 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     second = me.frame["episode"]
     me.policy.reset(0)
     me.press(me.next_action())
-    kept = me.frame
+    frame = me.frame
     server.kill()
     me.wait("window.study.state.game.link === 'lost'", 3_000)
     eventually(lambda: "lost" in me.page.get_by_test_id("link").inner_text())
     server = spawn(port=server.port)
     me.driving()
-    assert me.frame == kept, "a restarted server goes on in the same episode at the same step"
+    assert me.frame == frame, "a restarted server goes on in the same episode at the same step"
     hidden_until = len(me.received)
     me.explore()
     me.page.keyboard.press("Enter")
@@ -316,7 +328,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
 
 
 def learn_and_answer(me, screens):
-    """Walk from the consent to the right answers, through the dialogs and a wrong answer."""
+    """Go from the consent to the right answers, through dialogs and a wrong answer."""
     me.stands("consent")
     screens.look("consent")
     me.choose("agree")
@@ -347,16 +359,16 @@ def learn_and_answer(me, screens):
 
 
 def check_database(tmp_path, first, second):
-    """Everything a report needs was kept: one human, no terrain twice, every key that drove."""
+    """The report's data are stored: one human, no terrain twice, each driving key."""
     assert rows(tmp_path, "select kind, stage from participants") == [("human", "complete")]
     assert rows(tmp_path, "select name, value from identities") == [("PROLIFIC_PID", "p-77")]
     sql = "select phase, trial from series_episodes join episodes on id = episode_id where driver = 'human' order by number"
     assert rows(tmp_path, sql) == [("tutorial", 0), ("warm_up", 0), ("ranked", 0), ("ranked", 1)]
     by_key = "select step from steps where episode_id = ? and input = 'key'"
     shown = "kind, code, repeat, trusted, client_ms, step, round_trip_ms"
-    kept = f"select {shown} from input_events where episode_id = ? order by number"
+    query = f"select {shown} from input_events where episode_id = ? order by number"
     for episode in (first, second):
-        moves, events = rows(tmp_path, by_key, episode), rows(tmp_path, kept, episode)
+        moves, events = rows(tmp_path, by_key, episode), rows(tmp_path, query, episode)
         down = [event for event in events if event[0] == "keydown"]
         assert len(down) >= len(moves)
         assert {event[3] for event in down} == {1}
@@ -424,8 +436,8 @@ def test_a_study_without_questions_goes_on_to_its_warm_up(serve, studies, partic
 def chosen(tmp_path):
     """The palette and the keys to the east that the server keeps."""
     (settings,) = rows(tmp_path, "select settings from participants")[0]
-    kept = json.loads(settings)
-    return kept.get("palette"), (kept.get("keys") or {}).get("east")
+    stored = json.loads(settings)
+    return stored.get("palette"), (stored.get("keys") or {}).get("east")
 
 
 def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once(
@@ -478,8 +490,8 @@ def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(
     kinds = (
         "select kind, page_load from input_events where kind in ('pause', 'resume') order by number"
     )
-    said = [("pause", 0), ("pause", 1), ("resume", 1)]
-    eventually(lambda: rows(tmp_path, kinds)[:3] == said)
+    events = [("pause", 0), ("pause", 1), ("resume", 1)]
+    eventually(lambda: rows(tmp_path, kinds)[:3] == events)
     assert me.errors == []
 
 
@@ -558,8 +570,8 @@ def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
     me.wait("window.study.state.game.player.frame.step === 1")
     query = "select kind, code from input_events where kind like 'touch%' order by number"
     eventually(lambda: rows(tmp_path, query) == [("touchdown", "east"), ("touchup", "east")])
-    kept = "select json_extract(settings, '$.modality') from participants"
-    eventually(lambda: rows(tmp_path, kept) == [("touch",)])
+    query = "select json_extract(settings, '$.modality') from participants"
+    eventually(lambda: rows(tmp_path, query) == [("touch",)])
     assert me.errors == []
 
 
@@ -585,19 +597,19 @@ def test_axe_finds_nothing_on_the_playground(serve, player):
     server = serve()
     me = player(server, NO_3D, reduced_motion="reduce")
     me.goto()
-    found = []
+    problems = []
     for mode in ("watch", "ranked", "practice"):
         me.page.get_by_test_id(f"mode-{mode}").click()
         me.wait(f"window.playground.state.mode === '{mode}'")
         me.wait("window.playground.state.player.frame.outcome === null")
-        found += judge(me.page, mode)
+        problems += judge(me.page, mode)
     eventually(lambda: me.page.keyboard.press("ArrowUp") or me.state()["outcome"])
-    found += judge(me.page, "end")
+    problems += judge(me.page, "end")
     me.page.get_by_test_id("open-settings").click()
-    found += judge(me.page, "terrain-dialog")
+    problems += judge(me.page, "terrain-dialog")
     me.page.close()
     other = player(server, (), 1100, 700, reduced_motion="reduce")
     # small boards on a small screen: the processor draws both
     other.begin(size=[9, 12], rival="frontier-cost")
     other.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
-    assert found + violations(other.page) == []
+    assert problems + violations(other.page) == []

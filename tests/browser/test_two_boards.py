@@ -1,4 +1,7 @@
-"""Two boards side by side: which policy plays each, what a phone calls them, and both paths after the end."""
+"""Two boards side by side: which policy plays each, and both paths after the end.
+
+Also what a phone calls them.
+"""
 
 from tests.support.browser import NO_3D, keep_picture
 from tests.support.servers import eventually
@@ -9,7 +12,7 @@ def test_on_a_phone_each_of_two_watched_boards_goes_by_its_policy(serve, player)
     page = me.page
     me.begin(rival="frontier-cost", size=[9, 12], seed=5)
     tabs = [page.get_by_test_id(f"tab-{role}").inner_text() for role in ("player", "rival")]
-    assert tabs == ["You", "Policy"]
+    assert tabs == ["You", "Nearest: 0 moves"]
     # long enough that both still play at the end
     me.begin(player="frontier-priced", rival="frontier-cost", size=42, seed=5)
     me.wait("playground.state.mode === 'watch'")
@@ -39,7 +42,7 @@ def test_a_board_that_counts_is_alone_and_paths_meet_only_after_the_end(serve, p
     assert me.page.get_by_test_id("same-again").is_hidden(), "a terrain counts once"
     me.changes("canvas-player", before)  # the policy's path is drawn under the player's
     parts = ("end-card", "board-player")
-    card, board = (me.page.get_by_test_id(each).bounding_box() for each in parts)
+    card, board = (me.page.get_by_test_id(part).bounding_box() for part in parts)
     assert card["y"] >= board["y"] + board["height"], "the end card leaves the board uncovered"
     me.page.keyboard.press("Enter")
     me.wait("window.playground.state.rival === null")
@@ -53,11 +56,11 @@ def test_any_policy_can_be_given_to_either_board(serve, player):
         ("player", "rival", "random"),
         ("rival", "player", "frontier-utility"),
     ):
-        session, kept = me.state("player.session"), me.state(f"{other}.name")
+        session, other_name = me.state("player.session"), me.state(f"{other}.name")
         me.page.get_by_test_id(f"pick-{role}").select_option(name)
         me.wait(
             f"window.playground.state.player.session !== '{session}' && window.playground.state.rival"
         )
         assert me.state(f"{role}.name") == name
-        assert me.state(f"{other}.name") == kept
+        assert me.state(f"{other}.name") == other_name
     assert me.errors == []

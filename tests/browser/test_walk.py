@@ -1,14 +1,14 @@
 """Eleven people walk through a study in a browser, and every account of them.
 
-Payments, report, release, `reproduce` and a script that knows the data dictionary alone agree on everybody who agreed; the
-others are counts. Nothing that leaves the study names anybody.
+Payments, report, release, `reproduce` and a script that knows the data dictionary alone agree on
+everybody who agreed; the others are counts. Nothing that leaves the study names anybody.
 """
 
 import csv
 import io
 import json
 import logging
-from collections import Counter
+from collections import Counter, defaultdict
 from decimal import ROUND_HALF_UP, Decimal
 
 import pytest
@@ -36,8 +36,8 @@ TEXTS = {
 PAY = {
     "currency": "GBP",
     "base": 2,
-    "each": 0.5,
-    "hour": 9,
+    "bonus_per_unit": 0.5,
+    "hourly_rate": 9,
     "outcomes": {"failed_questions": 0.5, "failed_practice": 0.75, "withdrew": 0.25},
 }
 ARMS = [
@@ -79,13 +79,16 @@ def ids_of(way):
 class Walker(Participant):
     """Somebody who walks through the study by keyboard."""
 
+    choice = 0
+    """Which of two answers they choose."""
+
     def answers(self, text=None):
-        """Answer the block on the page: by its first choices, or in words."""
+        """Answer the block on the page: by their choice, or in words."""
         self.stands("block")
         form = self.page.locator("#block-form")
         for field in form.locator("fieldset").all():
             if field.locator("[type=radio]").count():
-                field.locator("[type=radio]").first.check()
+                field.locator("[type=radio]").nth(self.choice).check()
             elif text:
                 field.locator("textarea").fill(text)
         self.choose("send-block")
@@ -153,7 +156,7 @@ def walk(open_browser, serve, tmp_path):
     freeze(
         tmp_path / "playground.db-studies", "tiny", size=(6, 8), platform="prolific", recruitment="panel",
         device="computer", question_tries=2, cap=8, players=7, warm_up=1, ranked=1, blocks=BLOCKS, arms=ARMS,
-        practice={"reach": 1, "tries": 1}, outcomes=TEXTS, payment=PAY, pause_after_s=900,
+        practice={"episodes_to_pass": 1, "tries": 1}, outcomes=TEXTS, payment=PAY, pause_after_s=900,
     )  # fmt: skip
     server = serve()
 
@@ -161,8 +164,10 @@ def walk(open_browser, serve, tmp_path):
         profile = open_browser((*NO_3D, *AS_A_PERSON)).new_context(
             reduced_motion="reduce", **(context or WIDE)
         )
-        query = "?" + "&".join(f"{name}={ident}" for name, ident in ids_of(way).items())
-        return Walker(profile.new_page(), server.url, query if way else "").goto()
+        query = "&".join(f"{name}={ident}" for name, ident in ids_of(way).items())
+        person = Walker(profile.new_page(), server.url, f"?{query}")
+        person.choice = WAYS.index(way) % 2
+        return person.goto()
 
     return server, come, open_browser
 
@@ -346,6 +351,30 @@ def test_eleven_people_and_every_account_of_them_agree(walk, tmp_path, capsys, c
     assert published == {status: counted[status] for status in published}
     assert sum(published.values()) == len(paid) == flow.agreed
     assert sorted(row["devices"] for row in rebuilt) == [1] * 6 + [2]
+    published = json.loads((out / "report.json").read_text())["groups"][0]
+    assert Counter(row["language"] for row in rebuilt) == published["languages"] == {"en": 7}
+    only_counted = {"declined", "unfit_device", "over_quota", "erased"}
+    assert status_rows(out) == {
+        row["status"]: (row["people"], row["as_played"], row["lowest"])
+        for row in published["statuses"]
+        if row["status"] not in only_counted
+    }
+    assert player_rows(out, published["worst"]["score"]) == sorted(
+        (
+            row["status"],
+            row["episodes"],
+            row["explored"],
+            row["failed"],
+            round(row["score"], 9),
+            row["steps"],
+        )
+        for row in published["players"]
+    )
+    assert [row["people"] for row in published["answers"]] == [7, 5, None]
+    assert answer_rows(out) == {
+        row["question"]: [(cell["answers"], cell["people"]) for cell in row["cells"]]
+        for row in published["answers"]
+    }
     code, printed, error = command(capsys, "reproduce", out)
     assert code == 0, printed + error
 
@@ -389,13 +418,81 @@ def rebuild(bundle):
         row["minutes"], row["devices"] = float(row["minutes"]), int(row["devices"])
         amount = Decimal(str(payment["outcomes"].get(row["outcome"], 0)))
         if row["outcome"] == "finished":
-            bonus = Decimal(str(payment["each"])) * successes[row["participant"]]
+            bonus = Decimal(str(payment["bonus_per_unit"])) * successes[row["participant"]]
             amount = Decimal(str(payment["base"])) + bonus
         elif row["outcome"] == "stopped_by_us":
-            time = Decimal(str(payment["hour"])) * Decimal(row["minutes"]) / 60
+            time = Decimal(str(payment["hourly_rate"])) * Decimal(row["minutes"]) / 60
             amount = max(amount, time.quantize(Decimal("0.01"), ROUND_HALF_UP))
         row["amount"] = amount
     return people
+
+
+def status_rows(bundle):
+    """By status: people, instances counted as played, the reasons of the others."""
+    people, ranked = people_and_ranked(bundle)
+    terrains = json.loads((bundle / "protocol.json").read_text())["ranked"]
+    rows = {}
+    for status in {row["status"] for row in people}:
+        names = [row["participant"] for row in people if row["status"] == status]
+        began = [name for name in names if name in ranked]
+        reasons = Counter(row["lowest"] for name in began for row in ranked[name].values())
+        reasons["not_ended"] += terrains * len(began) - reasons.total()
+        as_played = reasons.pop("", 0)
+        rows[status] = (len(names), as_played, dict(+reasons))
+    return rows
+
+
+def player_rows(bundle, worst):
+    """The report's table of players, in an order of its own.
+
+    worst  the score of an instance that counts at the lowest
+    """
+    people, ranked = people_and_ranked(bundle)
+    protocol = json.loads((bundle / "protocol.json").read_text())
+    rows = []
+    for person in (row for row in people if row["participant"] in ranked):
+        episodes = ranked[person["participant"]]
+        counted = [episodes.get(str(at)) for at in range(protocol["ranked"])]
+        played = [row for row in counted if row is not None and not row["lowest"]]
+        missing = len(counted) - len(played)
+        explored = sum(row["outcome"] in ("explored", "succeeded") for row in played)
+        score = sum(float(row["score"]) for row in played) + missing * worst
+        steps = (
+            sum(int(row["steps_to_99"]) for row in played)
+            + missing * protocol["config"]["max_steps"]
+        )
+        means = round(score / len(counted), 9), steps / len(counted)
+        rows.append((person["status"], len(counted), explored, len(counted) - explored, *means))
+    return sorted(rows)
+
+
+def answer_rows(bundle):
+    """The report's counts of answers, those of one or two people joined."""
+    blocks = json.loads((bundle / "protocol.json").read_text())["blocks"]
+    questions = {question["name"]: question for block in blocks for question in block["questions"]}
+    answers = Counter((row["question"], float(row["answer"])) for row in table(bundle, "answers"))
+    answers.update((row["question"], 0.0) for row in table(bundle, "free_texts"))
+    rows = {}
+    for name, question in questions.items():
+        labels = question.get("choices") or question.get("points") or ["wrote something"]
+        counts = [answers[name, place] for place in range(len(labels))]
+        if sum(counts) < 3:
+            rows[name] = []
+        elif any(0 < count < 3 for count in counts):  # two answers, so all are joined
+            rows[name] = [(" or ".join(labels), sum(counts))]
+        else:
+            rows[name] = list(zip(labels, counts, strict=True))
+    return rows
+
+
+def people_and_ranked(bundle):
+    """The people of a bundle, and their ranked episodes by person and instance."""
+    people = [row for row in table(bundle, "participants") if row["kind"] == "human"]
+    ranked = defaultdict(dict)
+    for row in table(bundle, "episodes"):
+        if row["kind"] == "human" and row["phase"] == "ranked":
+            ranked[row["participant"]][row["terrain_index"]] = row
+    return people, ranked
 
 
 def table(bundle, name):

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 
 import httpx
@@ -18,7 +19,8 @@ import yaml
 from humanplay.web.settings import Settings
 from tests.support.browser import free_port
 from tests.support.command_server import command_server
-from tests.support.servers import PATIENCE_S
+from tests.support.servers import PATIENCE_S, RunningServer
+from tests.support.viewer3d import View
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PYTHON = shutil.which("python3.11", path="/usr/local/bin:/usr/bin")
@@ -120,6 +122,16 @@ GUARDS = {"landlock_restrict_self", "unshare"}
 """Calls that keep boards to their files."""
 
 
+def ended_episode(client):
+    """The id of an episode that a move over the edge has ended."""
+    board = client.post("/api/sessions", json={"size": [9, 13], "seed": 5}).json()
+    frame = board["frame"]
+    while frame["outcome"] is None:
+        move = {"episode": frame["episode"], "step": frame["step"], "action": "north"}
+        frame = client.post(f"/api/sessions/{board['session']}/act", json=move).json()
+    return frame["episode"]
+
+
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
 @pytest.mark.skipif(shutil.which("strace") is None, reason="NO STRACE: install it to see calls")
 def test_the_unit_lets_pass_every_system_call_of_a_server_and_its_boards(tmp_path):
@@ -140,6 +152,11 @@ def test_the_unit_lets_pass_every_system_call_of_a_server_and_its_boards(tmp_pat
             assert begun.status_code == 201, begun.text
         watched = client.post("/api/sessions", json={"player": "ppo", "size": [7, 9]})
         assert watched.status_code == 201
+        with ExitStack() as stack:
+            server = RunningServer(httpx.URL(address).port)
+            assert View(server, watched.json()["session"], stack, client).read("/border")
+        ended = f"/api/episodes/{ended_episode(client)}"
+        assert client.get(f"{ended}/ghost?policy=frontier-cost").status_code == 200
         assert client.get("/api/export/episodes.csv").status_code == 200
     calls = set(re.findall(r"(\w+)$", counts.read_text(), re.M)) - {"syscall", "total", "errors"}
     assert calls >= GUARDS, "boards keep to their files"

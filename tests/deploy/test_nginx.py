@@ -16,7 +16,7 @@ import pytest
 from websockets.sync.client import connect
 
 from humanplay.web.listening import uvicorn_config
-from humanplay.web.operator.login import ATTEMPTS_PER_MINUTE
+from humanplay.web.operator.login import MOST_ATTEMPTS
 from humanplay.web.simulate import Socket
 from tests.app.protection.test_hosts import ONE_TOO_MANY, guess
 from tests.support.browser import free_port
@@ -97,7 +97,7 @@ def test_idle_connections_are_closed_by_nginx_before_the_server_closes_them(prox
 def test_a_visitor_cannot_invent_addresses_to_guess_from(proxied):
     server = proxied()
     with browser(server) as client:
-        statuses = [guess(client, f"9.9.9.{n}") for n in range(ATTEMPTS_PER_MINUTE + 1)]
+        statuses = [guess(client, f"9.9.9.{n}") for n in range(MOST_ATTEMPTS + 1)]
     assert statuses == ONE_TOO_MANY
 
 

@@ -109,6 +109,15 @@ def test_a_policy_plays_a_series_by_a_plain_websocket(card):
     assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]
 
 
+def test_a_policy_of_marsexplorer_refuses_the_card_of_another_environment(card):
+    _, address = card(ROOMS)
+    command = [sys.executable, AGENTS / "policy_file.py", address, "--policy", "ppo"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith("expected a card of MarsExplorer, got one of ")
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize("task", [MARS, ROOMS])
 def test_a_model_of_language_plays_a_series_by_text_frames(card, task):
     server, address = card(task)

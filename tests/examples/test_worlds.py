@@ -317,8 +317,8 @@ def test_an_episode_that_was_left_costs_what_giving_up_does(maze):
     costs = environment.courses.estimator("far-wall", None).costs(record)
     assert len(costs.costs) == 1
     assert len(costs.advice.actions) == 2
-    assert costs.given_up == config.limit - costs.lengths[-1] > 0
-    assert costs.costs.sum() + costs.given_up == costs.total
+    assert costs.without_move == config.limit - costs.lengths[-1] > 0
+    assert costs.costs.sum() + costs.without_move == costs.total
     assert sum(costs.by_kind().values()) + costs.gained == costs.total
     assert costs.by_tenth().sum() == costs.costs.sum()
 

@@ -7,10 +7,10 @@ from tests.support import about_boards
 
 
 def test_the_boards_that_are_shown_are_what_is_played():
-    kept = json.loads(about_boards.FILE.read_text())
-    assert kept == about_boards.boards(), "run `python -m tests.support.about_boards`"
-    boards = kept["boards"]
+    stored = json.loads(about_boards.FILE.read_text())
+    assert stored == about_boards.boards(), "run `python -m tests.support.about_boards`"
+    boards = stored["boards"]
     assert [boards[name]["outcome"] for name in ("done", "crash")] == ["explored", "collided"]
     assert boards["done"]["coverage"] >= 0.99
-    said = (STATIC / "task/mars/about.html").read_text()
-    assert "Moves that uncover nothing can bring it below 0" in said, "0 is not the least"
+    text = (STATIC / "task/mars/about.html").read_text()
+    assert "Moves that uncover nothing can bring it below 0" in text, "0 is not the least"

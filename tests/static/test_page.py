@@ -1,4 +1,4 @@
-"""The page's pure modules under node's own runner, and what can be said about its files without a browser."""
+"""The page's modules under node, and its files without a browser."""
 
 import hashlib
 import json
@@ -135,22 +135,22 @@ def test_the_page_asks_nobody_but_us():
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_the_addresses_in_a_page_are_relative(page):
-    found = re.findall(r'(?:href|src|action)="([^"]*)"', page.read_text())
-    assert found
-    assert not [url for url in found if url.startswith("/")]
+    addresses = re.findall(r'(?:href|src|action)="([^"]*)"', page.read_text())
+    assert addresses
+    assert not [url for url in addresses if url.startswith("/")]
 
 
 def imported_by(module):
-    """The modules that a module needs, and those that they need, as the page names them."""
-    found, waiting = set(), [module]
+    """The modules that a module imports, and those that they import, by page names."""
+    modules, waiting = set(), [module]
     while waiting:
         path = waiting.pop()
         for name in re.findall(r'^(?:im|ex)port .*?from "([^"]+)"', path.read_text(), re.M):
             needed = (path.parent / name).resolve()
-            if needed not in found:
-                found.add(needed)
+            if needed not in modules:
+                modules.add(needed)
                 waiting.append(needed)
-    return {name_of(path) for path in found}
+    return {name_of(path) for path in modules}
 
 
 def test_the_playground_asks_for_all_its_modules_at_once():
@@ -226,8 +226,8 @@ def test_no_module_of_the_server_asks_for_a_world_by_name():
 
 def test_the_words_of_a_world_are_found_where_they_stand():
     pages = (STATIC / "task" / "mars").glob("*.js")
-    found = "".join("".join(path.read_text() for path in pages).lower().split())
-    assert all(word in found for word in ("lidar", "rover", "obstacle", "rock", "99%"))
+    text = "".join("".join(path.read_text() for path in pages).lower().split())
+    assert all(word in text for word in ("lidar", "rover", "obstacle", "rock", "99%"))
 
 
 def test_commands_for_operators_stand_behind_run_one_yourself_on_visitors_pages():
@@ -266,9 +266,11 @@ def luminance(colour):
     """The relative luminance of "#rrggbb" (WCAG 2)."""
     shares = [int(colour[start : start + 2], 16) / 255 for start in (1, 3, 5)]
     linear = [
-        each / 12.92 if each <= 0.04045 else ((each + 0.055) / 1.055) ** 2.4 for each in shares
+        share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares
     ]
-    return sum(weight * each for weight, each in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+    return sum(
+        weight * share for weight, share in zip((0.2126, 0.7152, 0.0722), linear, strict=True)
+    )
 
 
 def contrast(one, other):
@@ -308,7 +310,7 @@ def test_buttons_and_marks_stand_out_in_both_themes(selector):
 
 
 def palette(name):
-    """The colours of a palette of the study: those of the dark theme, and what palettes.css puts in their place."""
+    """The colours of a palette: those of the dark theme, replaced by palettes.css."""
     styles = (STATIC / "study/palettes.css").read_text()
     blocks = re.findall(rf":root\[data-palette={name}\].*?\{{(.*?)\}}", styles, re.S)[:1]
     return theme(DARK) | dict(COLOUR.findall("".join(blocks)))
@@ -349,7 +351,7 @@ def test_the_board_of_a_study_keeps_its_lightness():
 def test_the_boards_of_the_study_read_in_greyscale(name, least):
     block = (STATIC / "task/mars/board.js").read_text().split(f'"{name}": {{')[1]
     shades = [rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"' for mark in "?.#"]
-    unknown, free, rock = (part(each, block) for each in shades)
+    unknown, free, rock = (part(shade, block) for shade in shades)
     rover = palette(name)["accent"]
     assert contrast(unknown, free) > least
     assert contrast(free, rover) > least
@@ -369,13 +371,13 @@ def kinds(model):
 
 def test_the_page_and_the_server_name_the_same_messages():
     answers = [
-        each
-        for each in messages.ServerMessage.__subclasses__()
-        if each.__module__ == messages.__name__
+        message
+        for message in messages.ServerMessage.__subclasses__()
+        if message.__module__ == messages.__name__
     ]
     texts = messages.encode_refused("", "null"), messages.encode_error("")
     named = {json.loads(text)["kind"] for text in texts}
-    named.update(kind for each in (mars.Frame, mars.History, *answers) for kind in kinds(each))
+    named.update(kind for model in (mars.Frame, mars.History, *answers) for kind in kinds(model))
     assert sorted(listed("FROM_SERVER")) == sorted(named)
     about = (ROOT / "tests/static/task/mars/about.mjs").read_text()
     assert re.findall(r'"(\w+)"', part(r"actions: \[(.*?)\]", about)) == list(ACTIONS)
@@ -383,7 +385,7 @@ def test_the_page_and_the_server_name_the_same_messages():
     asked = (messages.HistoryRequest, messages.Events)
     sent = [
         messages.Act.model_fields["kind"].default,
-        *(kind for each in asked for kind in kinds(each)),
+        *(kind for model in asked for kind in kinds(model)),
     ]
     act = (STATIC / "common/messages.js").read_text()
     assert sorted(re.findall(r'return \{ kind: "(\w+)"', act)) == sorted(sent)

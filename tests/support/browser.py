@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from axe_playwright_python.base import AXE_SCRIPT
+from playwright import sync_api
 
 from humanplay.board.attestation import FASTEST
 from tests.support.servers import PATIENCE_S, eventually
@@ -31,6 +32,17 @@ WATCH_SHIFTS = """(() => {
   }).observe({ type: 'layout-shift', buffered: true })
 })()"""
 """Adds up how much of a page has moved by itself."""
+STANDING = """() => {
+  const state = (window.playground ?? window.study)?.state, game = state?.game ?? state
+  return JSON.stringify({
+    address: location.pathname, screen: window.study?.screen, link: game?.link, step: game?.player?.frame?.step,
+    painted: window.study?.painted?.game?.player?.frame?.step, outcome: game?.player?.frame?.outcome,
+    paused: state?.isPaused, focus: document.activeElement?.outerHTML.slice(0, 200),
+    dialogs: [...document.querySelectorAll("dialog[open]")].map(({ innerText }) => innerText.slice(0, 200)),
+    says: [...document.querySelectorAll("[role=alert], [role=status]")].map(({ innerText }) => innerText.slice(0, 200)),
+  })
+}"""
+"""How a page stands, for whoever reads why a test waited in vain."""
 
 
 CHROMIUMS = ("chromium-headless-shell", "chromium", "google-chrome", "chromium-browser")
@@ -138,7 +150,13 @@ class Player:
     def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
         """Wait until an expression is true; an error while a page loads counts as false."""
         claim = f"() => {{ try {{ return Boolean({claim}) }} catch (error) {{ return false }} }}"
-        self.page.wait_for_function(claim, timeout=timeout_ms)
+        try:
+            self.page.wait_for_function(claim, timeout=timeout_ms)
+        except sync_api.TimeoutError as error:
+            with suppress(sync_api.Error):
+                standing = self.page.locator("html").evaluate(STANDING, timeout=5000)
+                error.add_note(f"{claim} was still false: {standing}")
+            raise
 
     def state(self, path="player.frame"):
         return self.page.evaluate(f"() => window.playground.state.{path}")

@@ -7,6 +7,18 @@ from contextlib import contextmanager
 from tests.support.servers import PATIENCE_S
 
 
+def address_in(stdout):
+    """The address at which a server is open, read from what it prints to `stdout`."""
+    printed = []
+    for line in stdout:
+        printed.append(line)
+        if "is open at" in line:
+            break
+    address = re.search(r"http://\S+", "".join(printed))
+    assert address, "".join(printed)
+    return address[0]
+
+
 @contextmanager
 def command_server(command, **options):
     """Yield the process of a command that serves, and its address.
@@ -16,14 +28,7 @@ def command_server(command, **options):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen([*map(str, command)], **pipes, **options) as process:
         try:
-            printed = []
-            for line in process.stdout:
-                printed.append(line)
-                if "is open at" in line:
-                    break
-            address = re.search(r"http://\S+", "".join(printed))
-            assert address, "".join(printed)
-            yield process, address[0]
+            yield process, address_in(process.stdout)
         finally:
             process.terminate()
             try:

@@ -1,7 +1,7 @@
 """What the tests' studies declare: the example that comes with the software."""
 
-import json
+import tomllib
 from pathlib import Path
 
-DECLARATIONS_FILE = Path(__file__).parents[2] / "examples" / "declarations.json"
-DECLARATIONS = json.loads(DECLARATIONS_FILE.read_text(encoding="utf-8"))
+DECLARATIONS_FILE = Path(__file__).parents[2] / "examples" / "declarations.toml"
+DECLARATIONS = tomllib.loads(DECLARATIONS_FILE.read_text(encoding="utf-8"))

@@ -1,5 +1,6 @@
 """Small environments of the tests' own, each unlike Gymnasium's in one way."""
 
+import contextlib
 import ctypes
 import enum
 import os
@@ -196,6 +197,18 @@ for each in (Shipped, Path, Failing, Nosy, Sleeper, Meanings, OwnKeys, Blind, Wh
 def forward(observation):
     """A rule for `Path`."""
     return 1
+
+
+def nosy(observation):
+    """A rule for `Path`; RuntimeError if it sees what others share, or reaches a port."""
+    with contextlib.suppress(PermissionError):
+        raise RuntimeError(f"it sees {[*pathlib.Path('/dev/shm').iterdir()]}")
+    try:
+        socket.create_connection(("127.0.0.1", 9), timeout=2)
+    except ConnectionRefusedError as error:
+        raise RuntimeError("it reaches ports") from error
+    except OSError:
+        return 1
 
 
 def nowhere(observation):

@@ -20,7 +20,7 @@ class Field(gymnasium.Env):
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.cell = self.np_random.integers(0, 6, 2)
+        self.cell = self.np_random.integers(0, 5, 2)  # never in the corner already
         return self.cell.copy(), {}
 
     def step(self, action):
@@ -66,3 +66,14 @@ class Letters(Field):
         rows = [["."] * 6 for _ in range(6)]
         rows[self.cell[0]][self.cell[1]] = "X"
         return "\n".join(map("".join, rows))
+
+
+class Levers(Field):
+    """Only the first of many levers works; each of the others raises."""
+
+    action_space = gymnasium.spaces.Discrete(18)
+
+    def step(self, action):
+        if action:
+            raise RuntimeError("the lever is broken")
+        return self.cell.copy(), 1.0, True, False, {}

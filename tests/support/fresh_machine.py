@@ -9,9 +9,9 @@ from tests.support.command_server import command_server
 
 
 @contextmanager
-def fresh_server(cache, database):
+def fresh_server(cache, database, python=sys.executable):
     """Yield a server's process and port; it caches its kernels in the folder `cache`."""
-    command = [sys.executable, "-m", "humanplay.cli", "serve", "--port", "0"]
+    command = [python, "-m", "humanplay.cli", "serve", "--port", "0"]
     environ = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
     with command_server([*command, "--database", database], env=environ) as (process, address):
         yield process.pid, int(address.rpartition(":")[2].strip("/"))

@@ -4,17 +4,24 @@ What a server does at its start it still does; what it would read from the disk,
 is in its memory already.
 """
 
-import gc
 from importlib.util import find_spec
 
+import humanplay.cli.pilot.play
+import humanplay.cli.pilot.server  # noqa: F401
 from humanplay import jobs
+from humanplay.cli.pilot import running
 from humanplay.task.registration import DEFAULT_TASK, environment_of
+from humanplay.tasks import processes
+from humanplay.tasks.gymnasium import doctor
 from humanplay.web.server import run
-from tests.support.forked_server import Worker
+from tests.support.forked_server import PageProcess, Worker, run_fresh, start_preparer
 
 __all__ = ["run"]
 
 jobs._Process = Worker
+running.start_process = PageProcess
+processes.start_process = start_preparer
+doctor.run_fresh = run_fresh
 if find_spec("humanplay.tasks.mars") is not None:
     from humanplay.tasks.mars.policies import PolicyCatalogue
     from humanplay.tasks.mars.viewer3d import viewer
@@ -22,5 +29,3 @@ if find_spec("humanplay.tasks.mars") is not None:
     environment_of(DEFAULT_TASK).prepare()
     PolicyCatalogue().offers()
     viewer.ClientPage.load()
-gc.collect()
-gc.freeze()  # or the collection at each server's start would walk, and so copy, all of it

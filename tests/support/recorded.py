@@ -160,13 +160,18 @@ def play(
     player: str | None = "ada",
     explore: bool = False,
     config: EnvConfig = SMALL,
+    actions: Sequence[int] | None = None,
     **rest,
 ) -> Trial:
-    """The row of a finished episode in its own session: a tour, or given up."""
+    """The row of a finished episode in its own session: a tour, or given up.
+
+    actions  instead of two free moves, where it explores nothing
+    """
     session = add_session(store, player)
     row, episode = open_episode(store, session, seed, config, **rest)
     driver = rest.get("driver", "human")
-    add_steps(store, row, episode, tour(episode) if explore else free_moves(episode)[:2], driver)
+    moves = tour(episode) if explore else actions or free_moves(episode)[:2]
+    add_steps(store, row, episode, moves, driver)
     if not episode.ended:
         episode.abandon()
         store.next_episode(

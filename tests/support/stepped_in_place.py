@@ -14,6 +14,7 @@ import gymnasium
 import numpy as np
 
 from humanplay.web.simulate import Clock
+from tests.support import forked_server
 from tests.support.servers import PATIENCE_S, RunningServer
 
 SCRIPT = """
@@ -69,18 +70,22 @@ class Walk(gymnasium.Env):
         return picture
 
 
-class Program:
-    """A program that plays a `Walk` in a folder, and what it prints."""
+class WalkingProgram:
+    """A program that plays a `Walk` in a folder, and what it prints.
 
-    def __init__(self, folder, then="", options=None, **arguments):
+    is_fresh  it is started, not forked, and so is its server
+    """
+
+    def __init__(self, folder, then="", options=None, is_fresh=False, **arguments):
         script = textwrap.dedent(SCRIPT).format(
             root=str(ROOT), arguments=arguments, options=options or {}, then=then
         )
         (folder / "walk.py").write_text(script)
-        self.process = subprocess.Popen(
-            [sys.executable, "walk.py"],
-            cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
+        if is_fresh:
+            pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+            self.process = subprocess.Popen([sys.executable, "walk.py"], cwd=folder, **pipes)
+        else:
+            self.process = forked_server.Program(folder, "walk.py")
         self.lines, self._came, self._servers = [], queue.Queue(), []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

@@ -17,6 +17,7 @@ from humanplay.db.store import Closing, SessionRow, StepRow, Store, Trial
 from humanplay.db.study_rows import Participant
 from humanplay.study.folder import Folder
 from humanplay.study.protocol import default_protocol
+from humanplay.study.protocol_parts import Power
 from humanplay.study.seeds import TUTORIAL_SEED, order_group
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
@@ -43,13 +44,12 @@ def freezing_at(at_ms):
 
 
 def freeze(root, name="dunes", close=True, config=CONFIG, draw=secrets.token_bytes, **rest):
-    """A study of 2 + 3 episodes,  registered before people come.
+    """A study of 2 + 3 episodes, registered before people come.
 
-    It is closed unless `close` is False.
-
-    `draw` gives its secret.
+    It is closed unless `close` is False. `draw` gives its secret, `power` what was planned.
     """
     folder = Folder(root)
+    planned = {"power": Power(**rest.pop("power"))} if "power" in rest else {}
     fields = {
         "warm_up": 2,
         "ranked": 3,
@@ -62,7 +62,7 @@ def freeze(root, name="dunes", close=True, config=CONFIG, draw=secrets.token_byt
     }
     folder.create(default_protocol(name, config, **fields))
     with freezing_at(BEGAN):
-        study = folder.freeze(name, draw=draw)
+        study = folder.freeze(name, draw=draw, planned=planned)
     return folder.close(name) if close else study
 
 

@@ -1,5 +1,6 @@
 """A frozen study on small boards, and a participant who plays it as a page does."""
 
+import json
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -10,6 +11,7 @@ import pytest
 from humanplay.study.folder import Folder
 from humanplay.study.outcomes import change_texts
 from humanplay.study.protocol import default_protocol
+from humanplay.study.translation import path_of
 from humanplay.task.registration import environment_of
 from humanplay.web.simulate import NoisyPolicy, Participant, RefusedError
 from marsexplorer.config import EnvConfig
@@ -40,13 +42,24 @@ def freeze(root, name="small", **rest):
         "declarations": DECLARATIONS,
     }
     texts, folder = rest.pop("outcomes", {}), Folder(root)
+    own_texts = rest.pop("own_texts", {})
     config = EnvConfig.of("random", rest.pop("size", SIZE))
     protocol = default_protocol(
         name, config, **{**small, "debrief_policy": "frontier-cost", **rest}
     )
     folder.create(protocol)
     change_texts(folder.path(name), protocol, texts, is_frozen=False)
+    for language, words in own_texts.items():
+        write_own(folder.path(name), language, words)
     return folder.freeze(name)
+
+
+def write_own(folder, language, words):
+    """Write a study's own texts in a language, by their IDs."""
+    path = path_of(folder, language)
+    path.parent.mkdir(exist_ok=True)
+    lines = [f"{json.dumps(ident)} = {json.dumps(text)}\n" for ident, text in words.items()]
+    path.write_text("".join(lines), encoding="utf-8")
 
 
 class Person(Participant):
@@ -70,11 +83,17 @@ class Person(Participant):
         self.call("consent", {"version": "1", "agree": True})
         self.call("advance", {"from": "instructions"})
 
-    def to_warm_up(self):
+    def to_questions(self):
         self.to_tutorial()
+        self.give_up_tutorial()
+
+    def give_up_tutorial(self):
         self.call("next")
         self.call("give-up", {"episode": self.frame["episode"], "step": self.frame["step"]})
         self.call("advance", {"from": "tutorial"})
+
+    def to_warm_up(self):
+        self.to_questions()
         self.answer_questions()
 
     def socket(self):

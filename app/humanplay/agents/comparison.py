@@ -86,7 +86,7 @@ class Receipt(TypedDict):
 
 
 @dataclass(frozen=True)
-class _Played:
+class _InstanceResults:
     """Somebody's results on each instance.
 
     What has not succeeded took all the moves that there are.
@@ -98,7 +98,9 @@ class _Played:
     outcomes: tuple[str, ...]
 
     @classmethod
-    def of(cls, name: str, protocol: Protocol, episodes: Mapping[int, EpisodeEnding]) -> _Played:
+    def of(
+        cls, name: str, protocol: Protocol, episodes: Mapping[int, EpisodeEnding]
+    ) -> _InstanceResults:
         """Take episodes by instance.
 
         What was left has the score that it has for people (`Trial.as_left`).
@@ -149,7 +151,7 @@ def compare(
         rows.append({"kind": "policy", "name": policy.name, "rank": None, **figures})
     for receipt in receipts:
         by_instance = {episode["index"]: episode for episode in receipt["episodes"]}
-        agent = _Played.of(receipt["card"]["id"], protocol, by_instance)
+        agent = _InstanceResults.of(receipt["card"]["id"], protocol, by_instance)
         figures = _figures(agent, protocol, tables, random, is_drawn)
         row = {
             "kind": "agent",
@@ -184,14 +186,14 @@ def compare(
     }
 
 
-def _policies(protocol: Protocol, episodes: Sequence[PolicyEpisode]) -> list[_Played]:
+def _policies(protocol: Protocol, episodes: Sequence[PolicyEpisode]) -> list[_InstanceResults]:
     """Each policy's results, its episodes replayed."""
     environment, config = protocol.environment, protocol.env_config
     by_policy: dict[str, dict[int, EpisodeEnding]] = {}
     for episode in episodes:
         came_to = ending_of(episode.replay(environment, config))
         by_policy.setdefault(episode.policy, {})[episode.terrain] = came_to
-    return [_Played.of(name, protocol, endings) for name, endings in by_policy.items()]
+    return [_InstanceResults.of(name, protocol, endings) for name, endings in by_policy.items()]
 
 
 class _Figure(TypedDict):
@@ -217,10 +219,10 @@ class _Figures(TypedDict):
 
 
 def _figures(
-    played: _Played,
+    played: _InstanceResults,
     protocol: Protocol,
     tables: Mapping[str, Floats],
-    random: _Played | None,
+    random: _InstanceResults | None,
     is_drawn: bool,
 ) -> _Figures:
     """The mean in each metric, and its difference to people if they are paired."""

@@ -83,7 +83,7 @@ class EvaluationError(StudyError):
 class PlayedStudy(BaseModel):
     """The study whose ranked terrains are played, as it was frozen."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     name: str
     protocol_hash: str
@@ -105,7 +105,7 @@ class Protocol(BaseModel):
         study: Whose ranked terrains are played; None: instances of its own.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     name: str = Field(pattern=f"^{NAME}$")
     task: str

@@ -195,11 +195,11 @@ async def splits(name: NameInPath) -> list[dict[str, str]]:
     return [{"name": SPLIT, "type": "test"}]
 
 
-@router.post("/{env}/{what}", response_model=Instances | InstanceCount | OneInstance)
+@router.post("/{env}/{call}", response_model=Instances | InstanceCount | OneInstance)
 async def instances(
     agent: AgentOf,
     name: NameInPath,
-    what: Literal["tasks", "num_tasks", "task", "task_range"],
+    call: Literal["tasks", "num_tasks", "task", "task_range"],
     wanted: SplitRequest,
 ) -> dict[str, object]:
     """Return the instances of a split, their number, or some of them.
@@ -208,9 +208,9 @@ async def instances(
     """
     check_split(wanted.split)
     all_instances = agent.cards.instances(agent.card)
-    if what == "num_tasks":
+    if call == "num_tasks":
         return {"num_tasks": len(all_instances)}
-    if what == "task":
+    if call == "task":
         if not 0 <= wanted.index < len(all_instances):
             raise CardError(
                 400, f"expected an index 0 to {len(all_instances) - 1}, got {wanted.index}"

@@ -209,7 +209,7 @@ def attest(
     return AttestationResult("supervised" if is_supervised else "attested")
 
 
-class _Sent(NamedTuple):
+class _PressTimes(NamedTuple):
     """When a press went down and was sent (page's clock), and when it came (server's)."""
 
     down_ms: float
@@ -244,7 +244,7 @@ def _check_ticks(
     countdown follows. The presses must be a page's, too.
     """
     keys, at, before, runs_from_ms = HeldKeys(), 0, 0, None
-    presses, loads, shown_ms = list[_Sent](), list[int](), list[float]()
+    presses, loads, shown_ms = list[_PressTimes](), list[int](), list[float]()
     for step, move in enumerate(moves):
         # take every event that came before the tick
         while at < len(events) and events[at]["server_ms"] < move["server_ms"]:
@@ -255,7 +255,9 @@ def _check_ticks(
             elif event["kind"] in ("hidden", "pause"):
                 runs_from_ms = None
             elif event["kind"] in _PRESSES and not event["repeat"]:
-                presses.append(_Sent(event["client_ms"], event["client_ms"], event["server_ms"]))
+                presses.append(
+                    _PressTimes(event["client_ms"], event["client_ms"], event["server_ms"])
+                )
                 loads.append(event["page_load"])
                 if not 0 <= (event["step"] or 0) <= step:
                     raise _MismatchError(f"a press answers the frame of step {event['step']}", step)
@@ -286,13 +288,13 @@ class Ending:
     Attributes:
         events: Their hash, for the chain.
         conditions: By which they were compared with the moves; None for a script's episode.
-        attested: The level, other episodes' timing not compared yet; None for a script's
+        attestation: Without a comparison with other episodes' timing; None for a script's
             episode.
     """
 
     events: BegunHash
     conditions: Conditions | None = None
-    attested: AttestationResult | None = None
+    attestation: AttestationResult | None = None
 
 
 def prepare_end(
@@ -324,35 +326,35 @@ def attest_stored(
     Args:
         ending: What was prepared; if more has come since, the moves are compared again.
     """
-    attested = None
+    attestation = None
     if (
         ending is not None
         and ending.conditions == conditions
         and ending.events.until == count_input_events(store, episode_id)
     ):
-        attested = ending.attested
-    if attested is None:
-        attested = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
-    if attested.level != "unattested" and has_copied_timing(store, episode_id):
+        attestation = ending.attestation
+    if attestation is None:
+        attestation = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
+    if attestation.level != "unattested" and has_copied_timing(store, episode_id):
         return AttestationResult("spoilt", COPIED)
-    return attested
+    return attestation
 
 
 def _presses(
     moves: Sequence[MoveRow], events: Iterable[EventRow], key_map: KeyMap
-) -> tuple[list[_Sent], list[EventRow]]:
+) -> tuple[list[_PressTimes], list[EventRow]]:
     """The times of each move, and its own input event.
 
     The events come in the order of the moves, and were received before them.
     """
     rest = [event for event in events if event["kind"] in _PRESSES]
-    sent, presses, at = list[_Sent](), list[EventRow](), 0
+    sent, presses, at = list[_PressTimes](), list[EventRow](), 0
     for step, move in enumerate(moves):
         if move["driver"] != "human" or move["input"] is None or move["input"] not in _KINDS:
             raise _MismatchError(NO_DEVICE, step)
         if move["key_down_ms"] is None or move["client_ms"] is None:
             raise _MismatchError("the move says no times", step)
-        times = _Sent(float(move["key_down_ms"]), float(move["client_ms"]), move["server_ms"])
+        times = _PressTimes(float(move["key_down_ms"]), float(move["client_ms"]), move["server_ms"])
         at = _own_press(times, _KINDS[move["input"]], rest, at, step)
         press, at = rest[at], at + 1
         if not press["trusted"]:
@@ -365,7 +367,9 @@ def _presses(
     return sent, presses
 
 
-def _own_press(sent: _Sent, kind: str, presses: Sequence[EventRow], first: int, step: int) -> int:
+def _own_press(
+    sent: _PressTimes, kind: str, presses: Sequence[EventRow], first: int, step: int
+) -> int:
     """Find the first press, from index `first` on, of a move's kind and time.
 
     Returns:
@@ -385,7 +389,7 @@ def _own_press(sent: _Sent, kind: str, presses: Sequence[EventRow], first: int, 
     raise _MismatchError("no press of its own was received before the move", step)
 
 
-def _check_press(step: int, sent: _Sent, press: EventRow) -> None:
+def _check_press(step: int, sent: _PressTimes, press: EventRow) -> None:
     """Check that a press can have caused its move: in time, after a real round trip."""
     handling_ms = sent.sent_ms - sent.down_ms
     if not -CLOCK_SLACK_MS <= handling_ms <= LONGEST_HANDLING_MS + CLOCK_SLACK_MS:
@@ -439,7 +443,9 @@ class _Clocks:
         self._last: _Clock | None = None
         self._last_down_ms = 0.0
 
-    def add(self, moves: Sequence[_Sent], step: int, shown_ms: float, page_load: int) -> float:
+    def add(
+        self, moves: Sequence[_PressTimes], step: int, shown_ms: float, page_load: int
+    ) -> float:
         """Add a move.
 
         Args:
@@ -471,7 +477,7 @@ class _Clocks:
         return max(0.0, gap_ms)
 
 
-def _rested(moves: Sequence[_Sent]) -> bool:
+def _rested(moves: Sequence[_PressTimes]) -> bool:
     """Whether the server received nothing for REST_MS between two of the moves."""
     times = [move.server_ms for move in moves]
     return any(after - before >= REST_MS for before, after in pairwise(times))

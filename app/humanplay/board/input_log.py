@@ -68,8 +68,8 @@ class InputLog:
         self.newest_ms = newest_ms
         self._batches = {*batches}
 
-    def takes(self, batch: str) -> bool:
-        """Whether a batch comes for the first time; remembers it."""
+    def remember_batch(self, batch: str) -> bool:
+        """Remember a batch. True if it comes for the first time."""
         is_new = batch not in self._batches
         self._batches.add(batch)
         return is_new
@@ -92,7 +92,7 @@ class InputLog:
         """Forget a batch that was not stored, so that it may come again."""
         self._batches.discard(batch)
 
-    async def held_keys(self, episode: str) -> tuple[Controls, HeldKeys]:
+    async def load_keys(self, episode: str) -> tuple[Controls, HeldKeys]:
         """The keys that apply now, and what is down by the stored events."""
         await self._wait_for_batch()
 
@@ -135,18 +135,19 @@ class InputLog:
     def closing(
         self, episode: Trial, run: Run, at_ms: int, ending: Ending | None
     ) -> tuple[Closing, AttestationResult | None]:
-        """What closes an ended episode, and its level; call it in `Store.write`.
+        """What closes an ended episode, and its attestation; call it in `Store.write`.
 
         Args:
             ending: What `prepare_end` returned.
         """
         conditions = self._conditions(episode, run)
-        attested = None
+        attestation = None
         if conditions is not None:
-            attested = attest_stored(self._store, episode.id, conditions, ending)
-        level, reason = (None, None) if attested is None else (attested.level, attested.reason)
+            attestation = attest_stored(self._store, episode.id, conditions, ending)
+        level = None if attestation is None else attestation.level
+        reason = None if attestation is None else attestation.reason
         events = None if ending is None else ending.events
-        return Closing(episode.id, run.record(), at_ms, level, reason, events), attested
+        return Closing(episode.id, run.record(), at_ms, level, reason, events), attestation
 
     async def _wait_for_batch(self) -> None:
         """Wait for the newest batch."""

@@ -18,7 +18,7 @@ from contextlib import (
     contextmanager,
     nullcontext,
 )
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from weakref import WeakValueDictionary
 
@@ -30,7 +30,7 @@ from humanplay.board.agent import (
     DecisionQueue,
 )
 from humanplay.board.attestation import AttestationResult
-from humanplay.board.charges import Charges
+from humanplay.board.charges import Charges, most_bytes
 from humanplay.board.messages import ChangePace, Pace, PaceMode
 from humanplay.board.participation import HUMAN, Participation
 from humanplay.board.session import Session
@@ -45,12 +45,18 @@ class BoardGroup:
     """A player's board and its rival's, if there is one.
 
     They begin together and are unloaded together.
+
+    Attributes:
+        lock: Held while the next episodes begin.
+        agents: Session id -> the policy that drives the board.
+        touched_s: When somebody asked for one of the boards last, monotonic seconds.
     """
 
     player: Session
     rival: Session | None
-    lock: asyncio.Lock
-    agents: dict[str, Agent]
+    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
+    agents: dict[str, Agent] = field(default_factory=dict)
+    touched_s: float = field(default_factory=time.monotonic)
 
     @property
     def boards(self) -> list[Session]:
@@ -191,12 +197,11 @@ class Lobby:
             UnknownSessionError: If there is none.
         """
         group = self._groups.get(session_id) or await self._resume(session_id)
-        session = group.board(session_id)
-        session.touch()
-        return session
+        group.touched_s = time.monotonic()
+        return group.board(session_id)
 
     def in_memory(self, session_id: str) -> Session | None:
-        """The session if it is in memory; it is not touched, so it may be unloaded."""
+        """The session if it is in memory. Asking does not keep it there, unlike `get`."""
         group = self._groups.get(session_id)
         return None if group is None else group.board(session_id)
 
@@ -396,7 +401,8 @@ class Lobby:
                 for board, record in zip(boards, [run.record() for run in runs], strict=True)
             ]
             locks.enter_context(self._charging(boards, rows))
-            # 3. abandon what still runs, and compare its moves with its input events
+            # 3. abandon what still runs, and compare its moves with its input events; on the thread of the
+            #    writes that would hold up everybody's moves
             running = [
                 board for board in (*boards, *left) if board.number and not board.shown.ended
             ]
@@ -421,7 +427,7 @@ class Lobby:
                 hidden = [
                     board.hides_scores(row.id) for board, row in zip(boards, rows, strict=True)
                 ]
-                return [attested for _, attested in closings], hidden, opened
+                return [attestation for _, attestation in closings], hidden, opened
 
             def publish(
                 recorded: tuple[list[AttestationResult | None], list[bool], list[Trial]],
@@ -433,7 +439,7 @@ class Lobby:
                     board.begin(row, run, hides)
                 for (board, current, run, _), level in zip(abandoned, levels, strict=True):
                     if board not in boards:
-                        # a board that is left is no study's
+                        # it shows the end of its episode; none of a study is left in this way
                         board.go_on(current, run, run.view(), level, hides_scores=False)
 
             await self.store.write(record, then=publish)
@@ -446,7 +452,8 @@ class Lobby:
         """
         self.charges.check(boards[0].study)
         for board, row in zip(boards, rows, strict=True):
-            self.charges.open(row.id, board.study, board.most_bytes(row))
+            size = most_bytes(row, board.inputs.is_persons)
+            self.charges.open(row.id, board.study, size)
         try:
             yield
         except Exception:
@@ -457,11 +464,11 @@ class Lobby:
     def _add_group(self, boards: list[Session]) -> BoardGroup:
         """Keep boards in memory as a group, with an agent for each policy's board."""
         player, rival = boards[0], boards[1] if len(boards) > 1 else None
-        group = BoardGroup(player, rival, asyncio.Lock(), {})
+        group = BoardGroup(player, rival)
         self._pair(group)
         for board in boards:
             self._groups[board.id] = group
-            if not board.is_human:
+            if board.has_policy:
                 load = partial(self.task.policies.load, board.row.driver_name)
                 followed = player if board is rival else None
                 group.agents[board.id] = Agent(board, followed, load, self._decisions)
@@ -507,7 +514,7 @@ class Lobby:
         now = self.sources.clock_ms()
         asked = self.store.resume_session(session_id, now)
         player_id = session_id if asked is None else asked.session.rival_of or session_id
-        # always both boards: one that came back alone would never meet the other again
+        # both boards: one that came back alone would never be paired again
         ids = [player_id, self.store.rival_of(player_id)]
         rows = [self.store.resume_session(id_, now) for id_ in ids if id_ is not None]
         if asked is None or rows[0] is None:
@@ -531,10 +538,10 @@ class Lobby:
         session.begin(row.episode, run, hides_scores, row.newest_ms, row.batches)
         return session
 
-    def _unload_idle(self, horizon: float) -> None:
+    def _unload_idle(self, since_s: float) -> None:
         """Unload what has been idle since a time (monotonic seconds)."""
         for group in {id(group): group for group in self._groups.values()}.values():
-            if all(_is_idle(board, horizon) for board in group.boards):
+            if group.touched_s < since_s and not any(map(_is_in_use, group.boards)):
                 self._unload(group)
 
     def _unload(self, group: BoardGroup) -> None:
@@ -544,10 +551,6 @@ class Lobby:
             self._groups.pop(board.id, None)
 
 
-def _is_idle(board: Session, horizon: float) -> bool:
-    """Whether nobody has subscribed to a board or asked for it since a time.
-
-    A board of which something is being written is not idle.
-    """
-    is_left = board.channel.subscribers == 0 and board.touched < horizon
-    return is_left and not board.changing.locked()
+def _is_in_use(board: Session) -> bool:
+    """Whether somebody watches a board, or something of it is being written."""
+    return board.channel.subscribers > 0 or board.changing.locked()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from string import ascii_uppercase
 from typing import Annotated, Literal
 
@@ -25,6 +26,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 from humanplay.task import MAX_SEED
+from humanplay.task.sentences import SentenceName
 
 MAX_MESSAGE_BYTES = 64 * 1024
 """Longest message or body that is accepted."""
@@ -275,6 +277,8 @@ class ClockState(ServerMessage):
     reason: str | None = Field(
         default=None, description="why it stands, where that is not the page's doing"
     )
+    ident: str | None = Field(default=None, description="of `reason` in the page's texts")
+    values: dict[str, str] | None = Field(default=None, description="of its placeholders")
 
 
 class RepeatProgress(ServerMessage):
@@ -317,7 +321,7 @@ def no_action(actions: Sequence[str], action: str) -> BadMessageError:
 
 def encode_error(detail: str) -> str:
     """The answer to a bad message, as JSON text."""
-    return json.dumps({"kind": "error", "detail": detail})
+    return json.dumps({"kind": "error", "detail": detail, **asdict(SentenceName.of(detail))})
 
 
 def encode_refused(reason: str, frame: str) -> str:

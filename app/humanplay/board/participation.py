@@ -26,8 +26,8 @@ class Participation(Protocol):
     """A participant's part in a study, as far as their board must ask for it.
 
     `humanplay.study` implements it. A board without a participation belongs to anybody who knows
-    its id. Everything but `driver`, `study` and `check_open` asks the database: call it in
-    `Store.write` or `Store.read`.
+    its id. All but `driver`, `study`, `check_open` and `clock_limits` read the database: call the
+    others in `Store.write` or `Store.read`.
     """
 
     @property
@@ -74,7 +74,7 @@ class Participation(Protocol):
         """Record that an episode has ended, in the transaction that ends it."""
 
     def check_events(self, episode_id: str) -> None:
-        """Check that input events of an episode are stored.
+        """Check that this participation may add input events to an episode.
 
         Raises:
             RefusedError: If the episode is not of this participation.

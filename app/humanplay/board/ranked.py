@@ -241,4 +241,6 @@ async def _abandon(boards: Sequence[Session]) -> None:
 
 
 def _is_alone(lobby: Lobby, session: Session) -> bool:
-    return session.is_human and session.participation is None and lobby.rival_of(session) is None
+    return (
+        not session.has_policy and session.participation is None and lobby.rival_of(session) is None
+    )

@@ -1,14 +1,16 @@
 """One board: its running episode, its record in the store, its only way to move.
 
-Every move goes through `Session.act`, whoever makes it. The move must answer the current frame; the
-run is taken off the board and steps; the store commits; only then the run comes back and its frame
-is published. Meanwhile everybody sees what was published last, since there is nothing else to be
-seen. A move that cannot be committed did not happen: its run does not come back, and the next move
-starts from a replay.
+Every move goes through `Session.act`, or `Session.tick` on a board with a clock. The move must
+answer the current frame. Then it is held, recorded and told: the run is taken off the board and
+steps; the store commits; only then the run comes back and its frame is published. Meanwhile
+everybody sees the frame that was published last. A move that cannot be committed did not happen:
+its run does not come back, and the next move starts from a replay.
 
-`Channel` holds the newest frame for any number of subscribers. Nothing is queued: a slow subscriber
-finds the newest frame and never sees those between. All of it runs on one event loop, so there are
-no locks.
+`Channel` holds the newest frame for any number of subscribers. Nothing is queued: a slow one gets
+the newest frame and never sees those between.
+
+All of it runs on one event loop, so there are no locks between threads. `Session.changing` keeps
+two changes of one episode apart.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from weakref import WeakSet
 from humanplay.board.attestation import AttestationResult, Ending, level_reaches
 from humanplay.board.charges import Charges, most_bytes, stored_bytes
 from humanplay.board.clock import TAKES_KEYS, BoardClock
-from humanplay.board.controls import PAUSE_MS, ClockLimits, HeldKeys
+from humanplay.board.controls import PAUSE_MS, ClockLimits, Controls, HeldKeys
 from humanplay.board.input_log import InputLog
 from humanplay.board.messages import Events, Pace, RepeatProgress
 from humanplay.board.participation import HUMAN, SCRIPT, Participation, RefusedError
@@ -42,21 +44,23 @@ from humanplay.task import (
     not_allowed,
     on_threads,
 )
+from humanplay.task.sentences import Sentence, sentence_of
 
 SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "study"]
 """What an episode on a board is.
 
-ranked     a person's alone, on a terrain that the server drew: it counts, unless something comes
-           between
+ranked     played by a person alone, on a terrain that the server drew: it may count
 practice   beside a policy, on a terrain that was chosen, or moved by a script
-challenge  a person's on the terrain of a finished episode, against what was done there
-watch      a policy's
-daily      a person's attempt at the day's terrain
-study      a participant's
+challenge  by a person, on the terrain of a finished episode and against its result
+watch      by a policy
+daily      by a person, on the day's terrain
+study      by a participant
 """
 
-
-UNKEPT = "the key press before this move could not be recorded: nothing has changed; press again in a moment"
+NOT_STORED = Sentence(
+    "board.not_stored",
+    "the key press before this move could not be recorded: nothing has changed; press again in a moment",
+)
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,22 @@ class Move:
     key_down_ms: float | None = None
     key_up_ms: float | None = None
     client_ms: float | None = None
+
+    def row(self, reward: float, discovered: int, server_ms: int) -> StepRow:
+        """The move as it is stored, with what came of it."""
+        return StepRow(
+            episode_id=self.episode,
+            step=self.step,
+            action=self.action,
+            reward=reward,
+            discovered=discovered,
+            server_ms=server_ms,
+            client_ms=self.client_ms,
+            key_down_ms=self.key_down_ms,
+            key_up_ms=self.key_up_ms,
+            input=self.input,
+            driver=self.driver,
+        )
 
 
 class Channel:
@@ -140,7 +160,7 @@ class Subscriber:
     Use it as `async for frame in channel.subscribe()`.
 
     Attributes:
-        is_behind: Whether there is a frame that it has not been given yet.
+        is_behind: Whether there is a frame that it has not yielded yet.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -185,24 +205,24 @@ class Subscriber:
 
 
 class ServerTime:
-    """A monotonic server time in ms: it never runs backwards, the system clock may.
+    """A server time in ms that never runs backwards, even if the system clock does.
 
     Args:
-        clock: Reads the system clock, in milliseconds since 1970.
+        system_ms: Reads the system clock, in milliseconds since 1970.
     """
 
-    def __init__(self, clock: Callable[[], int]) -> None:
-        self._clock = clock
+    def __init__(self, system_ms: Callable[[], int]) -> None:
+        self._system_ms = system_ms
         self._newest_ms = self._read_ms = self._ahead_ms = 0
 
     def begin(self, newest_ms: int) -> None:
-        """Go on from the newest time that an episode has."""
+        """Start from the newest time that the episode has."""
         self._newest_ms = self._read_ms = newest_ms
         self._ahead_ms = 0
 
     def now_ms(self) -> int:
         """Read the time."""
-        read_ms = self._clock()
+        read_ms = self._system_ms()
         # if the system clock was set back, add as much to every later reading
         self._ahead_ms += max(0, self._read_ms - read_ms)
         self._read_ms = read_ms
@@ -210,31 +230,34 @@ class ServerTime:
         return self._newest_ms
 
     def move_past(self, at_ms: int) -> None:
-        """Let the next reading be later than a time."""
+        """Make the next reading later than a time."""
         self._newest_ms = max(self._newest_ms, at_ms + 1)
 
 
 class Session:
-    """One board: its row, its running episode, and the channel its frames go to.
+    """One board: its row in the store, its running episode, its input log.
+
+    Args:
+        row: The board as the store has it.
+        system_ms: Reads the system clock, in milliseconds since 1970.
 
     Attributes:
         task: What is played on it.
-        pace: How the policy that drives it moves, None for a person's board.
+        pace: How the policy that drives it moves; None for a person's board.
         number: Of the current episode, counting from 1; 0 before the first.
-        shown: The episode as it was published last: all that anybody is told of it comes from
-            here.
+        current: The current episode.
+        shown: The episode as it was published last. All that anybody learns of it comes from here.
         participation: The participant's, for a board of a study; else None.
         fault: One sentence when the policy that drives it has failed, else None.
-        remade: How far an environment that was lost has been made again, None where none is.
+        remade: How far a lost environment has repeated its moves; None if none was lost.
         paired_with: The board shown with it on the same terrain (a rival's, its player's, a
             replay's), else None.
         is_second: Whether it is the second of the two: a rival's or a replay's.
-        attested: The level of the current episode since it has ended here, else None.
-        touched: Monotonic seconds of the last access.
-        clock: Of a person's board whose task has one, else None.
+        attestation: The attestation of the current episode once it has ended here, else None.
+        clock: The clock of a person's board whose task has one, else None.
         inputs: The input events of its current episode.
-        changing: Held from the check of a move, or of whatever else changes the episode or its
-            input events, until it is committed.
+        changing: Held from the check of a change of the episode or its input events until the
+            change is committed.
     """
 
     def __init__(
@@ -242,7 +265,7 @@ class Session:
         row: SessionRow,
         task: Task,
         store: Store,
-        clock: Callable[[], int],
+        system_ms: Callable[[], int],
         charges: Charges,
         participation: Participation | None = None,
     ) -> None:
@@ -251,32 +274,35 @@ class Session:
         self.row = row
         self.channel = Channel(store.metrics.dropped_frames.inc)
         pace = Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
-        self.pace = None if self.is_human else pace
+        self.pace = pace if self.has_policy else None
         self.number = 0
         self.fault: str | None = None
         self.remade: RepeatProgress | None = None
-        self.attested: AttestationResult | None = None
-        self.touched = time.monotonic()
+        self.attestation: AttestationResult | None = None
         self.changing = asyncio.Lock()
         self.current: Trial
         self.shown: View
         self._run: Run | None = None
-        """The episode where `shown` shows it; None while a move is being recorded, and after one
-        that was not."""
+        """The episode at the view `shown`. None while a move is being recorded, and after a move
+        that could not be."""
         self._hides_scores = False
-        self._paired_with: Session | None = None
-        self._is_second = row.rival_of is not None
+        self.paired_with: Session | None = None
+        self.is_second = row.rival_of is not None
         self._store = store
         self._charges = charges
-        self._time = ServerTime(clock)
-        frames = task.clock if self.is_human else None
-        self.clock = None if frames is None else BoardClock(self, frames)
+        self._time = ServerTime(system_ms)
+        ticks_per_second = None if self.has_policy else task.clock
+        self.clock: BoardClock | None = None
+        if ticks_per_second is not None:
+            self.clock = BoardClock(self, ticks_per_second)
         self.inputs = InputLog(row, task, store, participation)
+        self._controls: Controls
+        """The keys that apply. `load_keys` reads them when the clock starts, `tick` uses them."""
 
     @property
-    def is_human(self) -> bool:
-        """Whether no policy drives this board."""
-        return self.row.driver_name == HUMAN
+    def has_policy(self) -> bool:
+        """Whether a policy drives this board; else a person or a script does."""
+        return self.row.driver_name != HUMAN
 
     @property
     def episode(self) -> str:
@@ -289,19 +315,9 @@ class Session:
         return self.channel.frame
 
     @property
-    def paired_with(self) -> Session | None:
-        """The board that is shown with this one, if any."""
-        return self._paired_with
-
-    @property
-    def is_second(self) -> bool:
-        """Whether this is the second board of a pair."""
-        return self._is_second
-
-    @property
     def kind(self) -> SessionKind:
         """What the board's current episode is."""
-        if not self.is_human:
+        if self.has_policy:
             return "watch"
         if self.participation is not None:
             return "study"
@@ -316,12 +332,13 @@ class Session:
     def counts(self) -> bool:
         """Whether the episode counts for the volunteers' estimate.
 
-        While it runs, as far as can be said then.
+        A running episode counts as long as nothing speaks against it.
         """
-        row = self.current
-        is_known = self.kind == "ranked" and row.driver == HUMAN and not row.terrain_met_before
-        level = None if self.attested is None else self.attested.level
-        return is_known and (level is None or level_reaches(level, "attested"))
+        episode = self.current
+        if self.kind != "ranked" or episode.driver != HUMAN or episode.terrain_met_before:
+            return False
+        level = None if self.attestation is None else self.attestation.level
+        return level is None or level_reaches(level, "attested")
 
     @property
     def study(self) -> str:
@@ -333,7 +350,7 @@ class Session:
         """Who drives an episode at its start: "human", "script" or "policy:NAME"."""
         if self.participation is not None:
             return self.participation.driver
-        return HUMAN if self.is_human else f"policy:{self.row.driver_name}"
+        return f"policy:{self.row.driver_name}" if self.has_policy else HUMAN
 
     async def act(self, move: Move, notice: Notice | None = None) -> None:
         """Make a move, commit it and publish its frame.
@@ -341,13 +358,13 @@ class Session:
         After RefusedError or StoreError nothing has changed.
 
         Args:
-            notice: Told one sentence when the move has waited for the database for a while.
+            notice: Called with one sentence when the move has waited for the database for a while.
         """
         async with self.changing:
             self._check_current(move.episode, move.step)
-            if not self.is_human and move.driver in (HUMAN, SCRIPT):
+            if self.has_policy and move.driver in (HUMAN, SCRIPT):
                 raise RefusedError(
-                    f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed"
+                    f"this board is driven by the policy {self.row.driver_name!r}; only its pace can be changed"
                 )
             if self.clock is not None and move.driver == HUMAN:
                 raise RefusedError(TAKES_KEYS)
@@ -391,13 +408,18 @@ class Session:
                 move = Move(self.current.id, self.shown.steps, action, driver, input)
                 # an event belongs to the ticks after it: no tick has the time of an event before it
                 self._time.move_past(self.inputs.newest_ms)
-                await self._make(move, self.now_ms(), waits=not self.clock.shares_commits)
+                # boards that tick beside many others wait a moment, and share a commit with them
+                commit_at_once = not self.clock.shares_commits
+                await self._make(move, self.now_ms(), commit_at_once=commit_at_once)
             except RefusedError as refusal:
-                self.clock.stand(str(refusal))
+                self.clock.stand(sentence_of(refusal))
 
-    async def held_keys(self) -> HeldKeys:
-        """What is down by the stored input events, with the keys of now; hold `changing`."""
-        self._controls, keys = await self.inputs.held_keys(self.current.id)
+    async def load_keys(self) -> HeldKeys:
+        """What is down by the stored input events; hold `changing`.
+
+        It also reads the keys that apply, for the ticks that follow.
+        """
+        self._controls, keys = await self.inputs.load_keys(self.current.id)
         return keys
 
     async def end_if_left(self) -> None:
@@ -405,6 +427,7 @@ class Session:
         async with self.changing:
             participation = self.participation
             limits = ClockLimits() if participation is None else participation.clock_limits
+            # the stop lasts until the first tick, which comes after a countdown of PAUSE_MS
             until_ms = self.now_ms() + PAUSE_MS
             read = partial(self._store.pauses, self.current.id, PAUSE_MS, until_ms)
             number, paused_ms = await self._store.read(read)
@@ -415,14 +438,14 @@ class Session:
                 await self._end_here(await self.take_abandoned(), note)
 
     async def _make(
-        self, move: Move, at_ms: int, notice: Notice | None = None, waits: bool = True
+        self, move: Move, at_ms: int, notice: Notice | None = None, commit_at_once: bool = True
     ) -> None:
         """Make a move that may be made, commit it and publish its frame; hold `changing`.
 
         Args:
-            waits: Whether the commit is due at once; else it may wait a moment for others.
+            commit_at_once: Whether the commit is due now; else it may wait a moment for others.
         """
-        began = time.perf_counter()
+        started_s = time.perf_counter()
         current = self.current
         is_deviation = move.driver == SCRIPT and current.driver == HUMAN
         if is_deviation:
@@ -434,35 +457,37 @@ class Session:
         except RunEndedError as failure:
             note = partial(self._store.note_failure, current.id, failure.report)
             await self._end_here(run, note)
-            raise RefusedError(str(failure)) from failure
-        row = self._step_row(move, reward, view.discovered, at_ms)
-        ending = await self.inputs.prepare_end(current, run, row) if view.ended else None
+            raise RefusedError(sentence_of(failure)) from failure
+        step_row = move.row(reward, view.discovered, at_ms)
+        ending = await self.inputs.prepare_end(current, run, step_row) if view.ended else None
 
-        # record: the press, then the move, in one commit
+        # record: the press was queued before the move, so both are in one commit
         def record() -> tuple[AttestationResult | None, bool]:
+            # without its press a person's move would look like a script's
             if self.inputs.is_incomplete:
-                raise StoreError(UNKEPT)
+                raise StoreError(NOT_STORED)
+            # nearly every move: one statement, without a transaction around it
             if not is_deviation and not view.ended:
-                self._store.add_step(row)  # one statement, without a transaction around it
+                self._store.add_step(step_row)
                 return None, self._hides_scores
             with self._store.transaction():
                 if is_deviation and self.participation is not None:
                     self.participation.note_script(current.id)
-                self._store.add_step(row)
-                attested = self._close(current, run, row.server_ms, ending) if view.ended else None
-            return attested, self.hides_scores(current.id)
+                self._store.add_step(step_row)
+                attestation = self._close(current, run, at_ms, ending) if view.ended else None
+            return attestation, self.hides_scores(current.id)
 
         # tell: only after the commit
         def publish(recorded: tuple[AttestationResult | None, bool]) -> None:
             self.go_on(current, run, view, *recorded)
             if view.ended:
                 self.charge(current, view.steps, ending)
-            metrics, seconds = self._store.metrics, time.perf_counter() - began
+            metrics, seconds = self._store.metrics, time.perf_counter() - started_s
             metrics.moves[move.driver.partition(":")[0]].inc()
             metrics.step.observe(seconds)
             metrics.newest_s.append(seconds)
 
-        await self._store.writes.put(record, notice, publish, waits)
+        await self._store.writes.put(record, notice, publish, commit_at_once)
 
     async def abandon(
         self, episode: str, step: int | None, note: Callable[[], None] | None = None
@@ -470,8 +495,8 @@ class Session:
         """Abandon the running episode for good and publish its last frame.
 
         Args:
-            step: The frame's; None, as always where time runs: after whatever move is being made
-                now.
+            step: The frame to abandon at. None for the newest one; a board with a clock always
+                abandons at the newest.
             note: Called in the same transaction.
         """
         async with self.changing:
@@ -491,11 +516,12 @@ class Session:
         elsewhere, loop = cast(RunElsewhere, run), asyncio.get_running_loop()
         if await elsewhere.ask(action):
             return step()
-        # its process was lost: it repeats the moves before this one, too long for the event loop
+        # its process was lost: repeating the moves before this one takes too long for the event loop
         elsewhere.tell = lambda *progress: loop.call_soon_threadsafe(self._tell_progress, *progress)
         return await on_threads(self.task, step)
 
     def _tell_progress(self, done: int, of: int) -> None:
+        """Tell the page how many of the moves a new process has repeated."""
         self.remade = RepeatProgress(episode=self.current.id, done=done, of=of)
         self.notify()
 
@@ -515,8 +541,8 @@ class Session:
             with self._store.transaction():
                 if note is not None:
                     note()
-                attested = self._close(current, run, at_ms, ending)
-            return attested, self.hides_scores(current.id)
+                attestation = self._close(current, run, at_ms, ending)
+            return attestation, self.hides_scores(current.id)
 
         def publish(recorded: tuple[AttestationResult | None, bool]) -> None:
             self.go_on(current, run, run.view(), *recorded)
@@ -530,7 +556,7 @@ class Session:
 
     def begin(
         self,
-        row: Trial,
+        episode: Trial,
         run: Run,
         hides_scores: bool,
         newest_ms: int = 0,
@@ -542,52 +568,53 @@ class Session:
             newest_ms: Time of its newest move or input event.
             batches: Ids of the batches of input events that it has.
         """
-        newest_ms = max(row.started_ms, newest_ms)
+        newest_ms = max(episode.started_ms, newest_ms)
         self.inputs.begin(newest_ms, batches)
         self._time.begin(newest_ms)
-        self.number, self.fault = row.number, None
+        self.number, self.fault = episode.number, None
         shown = run.view()
         if not shown.ended:
-            self._charges.open(row.id, self.study, self.most_bytes(row))
-        self.go_on(row, run, shown, None, hides_scores)
+            self._charges.open(episode.id, self.study, most_bytes(episode, self.inputs.is_persons))
+        self.go_on(episode, run, shown, None, hides_scores)
 
     def go_on(
         self,
         current: Trial,
         run: Run,
         shown: View,
-        attested: AttestationResult | None,
+        attestation: AttestationResult | None,
         hides_scores: bool,
     ) -> None:
         """Put a run on the board as the store holds it now, and publish its frame.
 
         Args:
-            attested: The level of the episode if it has ended.
+            attestation: The episode's, if it has ended.
         """
         self.current, self._run, self.shown = current, run, shown
-        self.attested, self._hides_scores = attested, hides_scores
+        self.attestation, self._hides_scores = attestation, hides_scores
         self.remade = None
         if self.clock is not None and (shown.ended or self.clock.state.episode != current.id):
-            self.clock.stand(is_new=True)
+            self.clock.stand(tells_anyway=True)
         self.channel.publish(shown.frame(current.id, hides_scores))
 
     async def take_abandoned(self) -> Run:
-        """Take the run off the board and abandon it, for `go_on` once it is recorded.
+        """Take the run off the board and abandon it; call it with `changing` locked.
 
-        Hold `changing`.
+        `go_on` puts it back once its end is recorded.
         """
         run = await self._take_run()
         run.abandon()
         return run
 
     async def _take_run(self) -> Run:
-        """Take the run off the board, replayed if a move of it was not recorded.
+        """Take the run off the board; hold `changing`.
 
-        Hold `changing`. `go_on` puts it back; a caller that fails need not.
+        `go_on` puts it back once its move is recorded. A caller that fails leaves it off.
         """
         run, self._run = self._run, None
         if run is not None:
             return run
+        # the last move was not recorded: only a replay is where the board is
         return await on_threads(self.task, self.task.replay, self.current, self.shown.actions)
 
     def hides_scores(self, episode_id: str) -> bool:
@@ -607,7 +634,7 @@ class Session:
         The next move need not wait: it is written behind them, with the same commit.
 
         Raises:
-            RefusedError: If no events of the episode are stored.
+            RefusedError: If the board accepts no input events for it.
         """
         async with self.changing:
             is_running = events.episode == self.current.id and not self.shown.ended
@@ -616,20 +643,18 @@ class Session:
                     raise RefusedError(TOO_MANY_EVENTS)
                 self._charges.add(self.study, batch_bytes(len(events.events), events.batch))
             writing = self.inputs.write(events, self.now_ms(), self.current)
-            # a batch that the page sends again after a lost connection must not move the clock twice
-            if self.clock is not None and is_running and self.inputs.takes(events.batch):
-                self.clock.take(events.events)
+            if self.clock is not None and is_running:
+                # a batch sent again after a lost connection must not move the clock twice
+                is_new = self.inputs.remember_batch(events.batch)
+                if is_new:
+                    self.clock.take(events.events)
         try:
             await asyncio.shield(writing)
         except (StoreError, RefusedError):
             self.inputs.drop(events.batch)
             if self.clock is not None:
-                self.clock.stand(UNKEPT)  # it goes on by the events that are stored
+                self.clock.stand(NOT_STORED)  # it goes on by the events that are stored
             raise
-
-    def most_bytes(self, episode: Trial) -> int:
-        """The most that an episode of this board stores."""
-        return most_bytes(episode, self.inputs.is_persons)
 
     def charge(self, episode: Trial, steps: int, ending: Ending | None) -> None:
         """Charge what an ended episode has stored instead of the most that it could."""
@@ -638,21 +663,13 @@ class Session:
 
     def pair_with(self, second: Session) -> None:
         """Show `second`, a rival's board or a replay's, with this one from now on."""
-        second.join_as_second(self)
-        self._paired_with = second
+        second.paired_with, second.is_second = self, True
+        self.paired_with = second
         self.notify()
-
-    def join_as_second(self, first: Session) -> None:
-        """Be shown as the second board of a pair; `pair_with` calls it."""
-        self._paired_with, self._is_second = first, True
 
     def unpair(self) -> None:
         """Show no board with this one; the other board stays paired with it."""
-        self._paired_with = None
-
-    def touch(self) -> None:
-        """Note that somebody has asked for this session now."""
-        self.touched = time.monotonic()
+        self.paired_with = None
 
     async def set_pace(self, pace: Pace) -> None:
         """Store the pace, forget a failure of the policy, and notify subscribers."""
@@ -679,13 +696,13 @@ class Session:
         """Close an ended episode in the store; call it in a transaction.
 
         Returns:
-            Its level.
+            Its attestation; None for a policy's.
         """
-        closing, attested = self.inputs.closing(current, run, at_ms, ending)
+        closing, attestation = self.inputs.closing(current, run, at_ms, ending)
         self._store.next_episode([closing], ())
         if self.participation is not None:
             self.participation.note_end()
-        return attested
+        return attestation
 
     def _check_current(self, episode: str, step: int) -> None:
         if self.participation is not None:
@@ -696,18 +713,3 @@ class Session:
             raise RefusedError(f"the episode has ended ({self.shown.outcome}); begin the next one")
         if step != self.shown.steps:
             raise RefusedError(f"step {step} is not the current one, which is {self.shown.steps}")
-
-    def _step_row(self, move: Move, reward: float, discovered: int, at_ms: int) -> StepRow:
-        return StepRow(
-            episode_id=self.current.id,
-            step=move.step,
-            action=move.action,
-            reward=reward,
-            discovered=discovered,
-            server_ms=at_ms,
-            client_ms=move.client_ms,
-            key_down_ms=move.key_down_ms,
-            key_up_ms=move.key_up_ms,
-            input=move.input,
-            driver=move.driver,
-        )

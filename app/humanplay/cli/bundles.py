@@ -88,9 +88,10 @@ def release(
     echo(f"{out}: version {built.header.version} of {study}, {counts}")
     if answers:
         unique, answered, _ = built.unique
+        languages = " and the language that they read" * (len(built.header.protocol.languages) > 1)
         echo(
             f"{unique} of {counted(answered, 'person', 'people')} who answered {'is' if unique == 1 else 'are'} unique by "
-            "their answers: whoever knows these about somebody finds what they played"
+            f"their answers{languages}: whoever knows these about somebody finds what they played"
         )
     if free_text:
         texts = counted(built.unique.texts, "free text")

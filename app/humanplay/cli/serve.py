@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 @path_option("--backup-to", "Keep them there.  [default: backups beside it]", metavar="DIR")
 @flag(
     "--admin",
-    "Open the operator's page /admin; prints a password if the environment has none.",
+    "Open the operator's page /admin; prints a password if HUMANPLAY_ADMIN_PASSWORD is not set.",
     default=None,
 )
 @option(

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -131,21 +133,19 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
         return
     from tabulate import tabulate
 
-    table = tabulate(
-        rows,
-        columns,
-        tablefmt="pretty",
-        colalign=["left", *["right"] * (len(columns) - 1)],
-        maxcolwidths=widths,
-        maxheadercolwidths=widths,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    echo(table)
+    heads, *cells = [_wrapped(row, widths) for row in (columns, *rows)]
+    alignment = ["left", *["right"] * (len(columns) - 1)]
+    echo(tabulate(cells, heads, tablefmt="pretty", colalign=alignment))
+
+
+def _wrapped(row: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """A row's cells in lines that break no word; tabulate's own cannot wrap "1,579"."""
+    wrap = partial(textwrap.wrap, break_long_words=False, break_on_hyphens=False)
+    return ["\n".join(wrap(cell, width)) for cell, width in zip(row, widths, strict=True)]
 
 
 def _column_widths(rows: Sequence[Sequence[str]], width: int) -> list[int] | None:
-    """How wide the columns of a table are without breaking a word; None if it does not fit."""
+    """Widths of a table's columns that break no word; None if they do not fit."""
     columns = list(zip(*rows, strict=True))
     widths = [max(map(len, column)) for column in columns]
     narrowest = [

@@ -21,6 +21,8 @@ from humanplay.command.extras import missing_extra
 
 POSIX = ("fcntl", "grp", "pwd", "resource", "termios")
 """Modules of Python's own that Windows has not."""
+COMPILED = "marsexplorer.compiled"
+"""The module that cannot be imported where compiled rules cannot be kept."""
 NEEDS_POSIX = (
     "needs Linux, macOS or WSL (Windows Subsystem for Linux); `import marsexplorer` and the commands "
     "`marsexplorer evaluate` and `marsexplorer policies` work here too"
@@ -101,6 +103,10 @@ def run(group: Commands, name: str, words: Sequence[str]) -> NoReturn:
         if sentence is None:
             raise
         _end(name, sentence, 2)
+    except ImportError as error:
+        if error.name != COMPILED:
+            raise
+        _end(name, error.msg, 1)
     except (click.Abort, KeyboardInterrupt):
         sys.exit(130)
     sys.exit(code if isinstance(code, int) else 0)

@@ -1,8 +1,9 @@
-"""A participant erased for good: nothing of theirs remains in the database or in its log.
+"""Erases a person for good from the database and its log.
 
-What is kept are hashes of the person and of the erased trajectories, so that a merge or an import cannot bring them back: the
-table `forgotten` holds an episode's trajectory at its time, `forgotten_people` a participant's id and, under any pseudonym, the
-time when they came. Kept, too, are their entries in the chain, which nobody can read any longer: the salts are deleted.
+Hashes of the person and of the erased trajectories stay, so that a merge or an import cannot bring
+them back: the table `forgotten` holds an episode's trajectory at its time; `forgotten_people` a
+participant's id and, under any pseudonym, the time when they came. Their entries in the chain stay
+too; nobody can read them any longer, since their salts are deleted.
 """
 
 from __future__ import annotations
@@ -64,9 +65,10 @@ TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
 class Erasure:
     """What was erased.
 
-    episodes    erased with their steps and input events, those played outside the study too
-    keeps       True where the protocol keeps episodes: they stay, under new ids
-    outdated    versions of the study's releases that hold the person
+    Attributes:
+        episodes: How many were erased, those played outside the study too.
+        keeps: Whether the protocol keeps episodes: they stay, under new ids.
+        outdated: Versions of the study's releases that hold the person.
     """
 
     study: str
@@ -76,36 +78,38 @@ class Erasure:
 
 
 class ParticipantLookupError(StoreError):
-    """No participant is meant, or more than one; the message says which, and what to give instead."""
+    """A name stands for no participant, or for several; the text says what to do."""
 
 
 def find_participant(database: Path, name: str, study: str | None = None) -> Participant:
-    """Return the one participant with this id, label or outside id, in one study or (None) in all.
+    """The one participant with this id, label or outside id, in one study or in all.
 
-    ParticipantLookupError when there is none, or several.
+    Raises:
+        ParticipantLookupError: If there is none, or several.
     """
     with reading(database) as conn:
         return _find(conn, database, name, study)
 
 
 def identity_of_person(database: Path, person: Participant) -> str | None:
-    """The first outside id of the study that a participant came with; None without one."""
+    """The value of the study's first outside id for a participant; None without one."""
     sql = """SELECT value FROM identities i JOIN series s ON s.name = ?
         WHERE participant_id = ? AND i.name = json_extract(s.protocol, '$.outside_ids[0]')"""
     with reading(database) as conn:
-        found = conn.execute(sql, (person.study, person.id)).fetchone()
-    return None if found is None else str(found[0])
+        row = conn.execute(sql, (person.study, person.id)).fetchone()
+    return None if row is None else str(row[0])
 
 
 def forget(
     database: Path, name: str, study: str | None = None, asked_by: AskedBy | None = None
 ) -> Erasure:
-    """Erase a participant, write the file anew and return what was erased.
+    """Erase a participant and rewrite the file.
 
-    name      a participant's id, the label their page shows or an outside id of theirs
-    asked_by  who asked for it; None: the participant if they did so on their page, else that is not said
+    A server may run meanwhile; it unloads the person's board.
 
-    A server may go on; it lets the person's board go.
+    Args:
+        name: The participant's id, the label on their page, or an outside id.
+        asked_by: Who asked for it. None: the participant, if they asked on their page; else unknown.
     """
     with _lock_unless_served(database) as lock, _rewritten(database, lock) as conn:
         return _erase_rows(conn, _find(conn, database, name, study), asked_by)
@@ -137,12 +141,15 @@ def _lock_unless_served(database: Path) -> Iterator[DatabaseLock | None]:
 
 @contextmanager
 def _rewritten(database: Path, lock: DatabaseLock | None) -> Iterator[sqlite3.Connection]:
-    """Let the block delete rows, and write the file anew and empty its log, so that nothing of them is left.
+    """Let the block delete rows, then rewrite the file and empty its log.
 
-    lock  what keeps servers out; None: one may go on writing
+    Args:
+        lock: Keeps servers out; None if one may go on writing.
 
-    StoreError where the disk has too little room for a copy of the database, and where another
-    program reads an older moment for so long that copies stay in the log: the message says what is left to do.
+    Raises:
+        StoreError: If the disk has too little room for a copy of the database, or another program
+            reads an older moment for so long that copies stay in the log. The text says what is
+            left to do.
     """
     if not database.exists():
         raise StoreError(f"no database at {database}: give its path with --database")
@@ -172,12 +179,17 @@ def _rewritten(database: Path, lock: DatabaseLock | None) -> Iterator[sqlite3.Co
         finally:
             conn.close()
     except sqlite3.Error as error:
-        why = f"did not take the erasure: {error}; try again"
-        raise StoreError(f"the database {database} {why}") from error
+        raise StoreError(
+            f"the database {database} did not take the erasure: {error}; try again"
+        ) from error
 
 
 def _write_anew(conn: sqlite3.Connection, database: Path) -> None:
-    """Write every page anew, and empty the log; StoreError with what is left to do where that cannot be done in time."""
+    """Rewrite every page of the file, and empty the log.
+
+    Raises:
+        StoreError: If that fails or takes too long; the text says what is left to do.
+    """
     until, command = time.monotonic() + WITHIN_S, f"sqlite3 {database}"
     while True:
         try:
@@ -206,9 +218,9 @@ def _write_anew(conn: sqlite3.Connection, database: Path) -> None:
 
 
 def unlink(database: Path, study: SeriesRow) -> int:
-    """Delete the outside ids and completion codes of everybody in a study, and return how many people had one.
+    """Delete all outside ids and completion codes of a study; return how many had one.
 
-    Invitations get other ids, the same one the same. The chain says so, without any; the file is written anew.
+    Invitations get new ids, equal ones for equal ones. The chain notes it, and the file is rewritten.
     """
     # no invitation that was issued begins as another one's
     linked = """SELECT id, invitation FROM participants p WHERE study = ? AND (completion_code IS NOT NULL
@@ -232,9 +244,9 @@ def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None
     conn.create_function("label", 1, participant_label, deterministic=True)
     people = [Participant(**row) for row in rows(conn, sql, name, study)]
     if not people:
-        where = f"the study {study!r} of {database}" if study else str(database)
+        place = f"the study {study!r} of {database}" if study else str(database)
         raise ParticipantLookupError(
-            f"no participant {name!r} in {where}: give their id, label or the outside id of their link"
+            f"no participant {name!r} in {place}: give their id, label or the outside id of their link"
         )
     if len(people) > 1:
         studies = ", ".join(sorted({person.study for person in people}))
@@ -251,12 +263,12 @@ def _erase_rows(conn: sqlite3.Connection, person: Participant, asked_by: AskedBy
         "SELECT protocol, closed_ms FROM series WHERE name = ?", [person.study]
     ).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
-    # who stays without a name still came then
+    # if the episodes stay, the time of coming stays too, so only the id is forgotten
     hashes = person_hashes(person)[:1] if keeps else person_hashes(person)
     if person.invitation is not None and person.consent_ms is not None:
         hashes = (*hashes, invitation_hash(person.study, person.invitation))
-    values = [(each, now) for each in hashes]
-    conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", values)
+    forgotten = [(hash_, now) for hash_ in hashes]
+    conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", forgotten)
     if not keeps and person.kind == "human":
         asked = asked_by or ("participant" if asks_erasure(conn, person.id) else None)
         note_erased(conn, person, now, closed_ms is not None, asked)
@@ -264,8 +276,11 @@ def _erase_rows(conn: sqlite3.Connection, person: Participant, asked_by: AskedBy
     elsewhere = conn.execute(sql, (person.player_id, person.id)).fetchall()
     sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
     entries = _entries_of(conn, person, sessions)
-    stored = {each: chain.unsound_hash(conn, each.kind, each.id) for each in entries if keeps}
-    unsound = {each: hash_ for each, hash_ in stored.items() if hash_}
+    # what did not fit its entry in the chain must not fit its new entry either
+    hashes_now = {
+        thing: chain.unsound_hash(conn, thing.kind, thing.id) for thing in entries if keeps
+    }
+    unsound = {thing: hash_ for thing, hash_ in hashes_now.items() if hash_}
     for table in ("identities", "answers", "free_texts"):
         conn.execute(f"DELETE FROM {table} WHERE participant_id = ?", [person.id])
     new = _rename(conn, person) if keeps else {}
@@ -288,10 +303,11 @@ def _erase_rows(conn: sqlite3.Connection, person: Participant, asked_by: AskedBy
 
 
 def forget_player(database: Path, name: str) -> int:
-    """Erase a player by the name that they chose, and all that they played; return how many episodes that were.
+    """Erase a player by their chosen name, and their episodes; return how many.
 
-    ParticipantLookupError where nobody has the name; StoreError while a server has the database, whose boards it would not
-    know to be gone.
+    Raises:
+        ParticipantLookupError: If nobody has the name.
+        StoreError: While a server has the database: it would not know that boards are gone.
     """
     with closing(DatabaseLock(database)) as lock, _rewritten(database, lock) as conn:
         player = _named(conn, database, name)
@@ -300,11 +316,11 @@ def forget_player(database: Path, name: str) -> int:
             AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)"""
         sessions = [row[0] for row in conn.execute(of_player, [player])]
         of_session = "SELECT id FROM episodes WHERE session_id = ?"
-        episodes = [row[0] for each in sessions for row in conn.execute(of_session, [each])]
-        things = [Thing("session", each) for each in sessions]
-        things += [Thing("episode", each) for each in episodes]
+        episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
+        things = [Thing("session", session) for session in sessions]
+        things += [Thing("episode", episode) for episode in episodes]
         _delete_episodes(conn, episodes, now)
-        conn.executemany("DELETE FROM sessions WHERE id = ?", [(each,) for each in sessions])
+        conn.executemany("DELETE FROM sessions WHERE id = ?", [(session,) for session in sessions])
         _forget_challenges(conn)
         volunteers.renew(conn)
         _delete_player(conn, player)
@@ -337,11 +353,14 @@ def _delete_player(conn: sqlite3.Connection, player_id: str) -> None:
 def _entries_of(
     conn: sqlite3.Connection, person: Participant, sessions: Sequence[str]
 ) -> list[Thing]:
-    """Return what may have an entry in the chain of the person: them, their sessions and all episodes of these."""
+    """What may have an entry in the chain: the person, their sessions and episodes."""
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
     episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
-    things = [("session", each) for each in sessions] + [("episode", each) for each in episodes]
-    return [Thing("participant", person.id), *(Thing(*each) for each in things)]
+    return [
+        Thing("participant", person.id),
+        *(Thing("session", session) for session in sessions),
+        *(Thing("episode", episode) for episode in episodes),
+    ]
 
 
 def _renew_chain(
@@ -350,29 +369,32 @@ def _renew_chain(
     unsound: Mapping[Thing, str],
     new: Mapping[str, str],
 ) -> None:
-    """Make the person's entries unreadable, and append entries of what is kept of them, under its new ids.
+    """Make the entries unreadable, and append entries of what stays under new ids.
 
-    What did not fit its entry before does not fit afterwards.
+    Args:
+        unsound: Entries that did not fit their rows -> the hash that keeps them so.
+        new: Old id -> new id; empty if nothing stays.
     """
     chain.forget(conn, entries)
     if new:
-        renamed = {each: Thing(each.kind, new.get(each.id, each.id)) for each in entries}
-        kept = set(renamed.values()) & chain.things(conn)
-        chain.append_all(conn, kept, {renamed[each]: stored for each, stored in unsound.items()})
+        renamed = {thing: Thing(thing.kind, new.get(thing.id, thing.id)) for thing in entries}
+        remaining = set(renamed.values()) & chain.things(conn)
+        unsound_renamed = {renamed[thing]: hash_ for thing, hash_ in unsound.items()}
+        chain.append_all(conn, remaining, unsound_renamed)
     chain.append_marks(conn)
 
 
 def _sessions_of(
     conn: sqlite3.Connection, person: Participant, others: set[str | None]
 ) -> list[str]:
-    """Return the person's sessions, those outside the study too, without those of other studies' participants."""
+    """The person's sessions, without those of participants of other studies."""
     mine = "SELECT id FROM sessions WHERE ?1 IN (player_id, owner_id) OR id = ?2"
     played = """SELECT DISTINCT e.session_id FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
         WHERE s.participant_id {} ?"""
-    found = {row[0] for row in conn.execute(mine, (person.player_id, person.session_id))}
-    found |= {row[0] for row in conn.execute(played.format("="), [person.id])}
+    sessions = {row[0] for row in conn.execute(mine, (person.player_id, person.session_id))}
+    sessions |= {row[0] for row in conn.execute(played.format("="), [person.id])}
     others = others | {row[0] for row in conn.execute(played.format("<>"), [person.id])}
-    return sorted(found - others)
+    return sorted(sessions - others)
 
 
 def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int) -> None:
@@ -403,7 +425,11 @@ def _other_invitation() -> str:
 
 
 def _rename(conn: sqlite3.Connection, person: Participant) -> dict[str, str]:
-    """Give participant, player and session new ids, delete what else there is of the person, and return the new ids by old."""
+    """Give participant, player and session new ids, and delete what else names them.
+
+    Returns:
+        Old id -> new id.
+    """
     old, player = person.id, person.player_id
     session, invitation = person.session_id, person.invitation
     prefixes = ((old, "P"), (player, "B"), (session, "S"), (invitation, "I"))
@@ -431,7 +457,7 @@ def _rename(conn: sqlite3.Connection, person: Participant) -> dict[str, str]:
 
 
 def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
-    """Add the source's list of the forgotten to the target's, and the studies that they were erased from."""
+    """Add the source's lists of erased people and trajectories to the target's."""
     learn_counts(target, source)
     for table in FORGOTTEN_TABLES:
         target.executemany(
@@ -441,10 +467,10 @@ def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> N
 
 
 def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
-    """Add what the source says of people who were erased or left out, and its chain alone."""
+    """Add the source's counts of people who were erased or left out."""
     for name in (ERASED, ARRIVALS, ANSWERS):
-        found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
-        target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
+        counts = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
+        target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", counts)
     chain.append_marks(target, chain.stored_marks(source))
 
 
@@ -462,7 +488,7 @@ def note_erased(
     is_closed: bool,
     asked_by: AskedBy | None,
 ) -> None:
-    """Note that a person's rows are erased from a study, without anything that leads to them.
+    """Count a person who is erased from a study, without what identifies them.
 
     Call it while their episodes are still there: how many ranked ones they had is noted.
     """
@@ -488,23 +514,23 @@ def note_erased(
 
 
 def person_hashes(person: Participant) -> tuple[str, str]:
-    """Return what `forgotten_people` keeps of a participant's row: a hash of the id, and one of the times when they came."""
+    """Hashes of a participant's id and of when they came, for `forgotten_people`."""
     came = f"{person.study}|{person.joined_ms}|{person.consent_ms}"
     return _hash(person.id), _hash(came)
 
 
 def invitation_hash(study: str, invitation: str) -> str:
-    """Return what `forgotten_people` keeps of the invitation that a person had used: it lets nobody in again."""
+    """Hash of a used invitation for `forgotten_people`: it lets nobody in again."""
     return _hash(f"invitation|{study}|{invitation}")
 
 
 def trajectory_hash(trajectory: str, started_ms: int, ended_ms: int) -> str:
-    """Return what `forgotten` keeps of an episode: its trajectory at its time, since two people may drive alike."""
+    """Hash of an episode for `forgotten`, with its times: two people may play alike."""
     return _hash(f"{trajectory}|{started_ms}|{ended_ms}")
 
 
 def forgotten_people(target: sqlite3.Connection, source: sqlite3.Connection) -> list[Participant]:
-    """Return the source's participants whom the target has forgotten, whatever they are called there."""
+    """The source's participants whom the target has erased, whatever their ids are."""
     people = {row[0] for row in target.execute("SELECT id_hash FROM forgotten_people")}
     trajectories = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
     if not people | trajectories:

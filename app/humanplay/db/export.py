@@ -201,7 +201,7 @@ def export_to(
     open_studies: bool = False,
     keep: Keep | None = None,
 ) -> str:
-    """Write `episodes.csv`, `steps.csv` and their schema in the folder, all whole or none.
+    """Write `episodes.csv`, `steps.csv` and their schema: all of them or none.
 
     Args:
         advance: Called with (episodes written, episodes in all), both tables counted.

@@ -34,9 +34,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-GONE = (
+from humanplay.task.sentences import Sentence
+
+GONE = Sentence(
+    "store.gone",
     "the database file {name} was deleted, moved or replaced while the server runs: no move is made and nothing is recorded "
-    "until it is put back; else stop the server and restore a backup (humanplay restore)"
+    "until it is put back; else stop the server and restore a backup (humanplay restore)",
 )
 DIGITS = 20
 """Digits of the commits in a note: always as many, since a note is written over the former one."""

@@ -42,21 +42,23 @@ def shown_names(reader: Reader) -> dict[str, str]:
     return {row["player_id"]: row["name"] for row in rows}
 
 
-class Beaten(NamedTuple):
-    """Somebody's success at a challenge: their name, if they chose one, and their moves."""
+class ChallengeSuccess(NamedTuple):
+    """Somebody's success at a challenge: their name, if they have one, and moves."""
 
     name: str | None
     moves: int
 
 
-def challengers(reader: Reader, episode_id: str, successes: Collection[str]) -> list[Beaten]:
+def challengers(
+    reader: Reader, episode_id: str, successes: Collection[str]
+) -> list[ChallengeSuccess]:
     """Who took up a challenge and succeeded, the fewest moves first."""
     marks = ", ".join("?" for _ in successes)
     sql = f"""SELECT n.name, e.steps AS moves FROM sessions s CROSS JOIN episodes e ON e.session_id = s.id
         LEFT JOIN names n ON n.player_id = s.owner_id AND NOT n.hidden
         WHERE s.challenges = ? AND e.ended_ms IS NOT NULL AND e.driver = 'human' AND e.outcome IN ({marks})
         ORDER BY e.steps, e.ended_ms LIMIT {MOST_CHALLENGERS}"""
-    return [Beaten(**row) for row in reader.query(sql, [episode_id, *successes])]
+    return [ChallengeSuccess(**row) for row in reader.query(sql, [episode_id, *successes])]
 
 
 def own(reader: Reader, player_id: str) -> OwnName:
@@ -68,7 +70,10 @@ def own(reader: Reader, player_id: str) -> OwnName:
 def set_name(
     conn: sqlite3.Connection, player_id: str, name: str, likeness: str, at_ms: int
 ) -> bool:
-    """Give a player a name, and return whether there is such a player: who has played; NameTakenError for one that is taken.
+    """Give a player a name; return whether there is such a player.
+
+    Raises:
+        NameTakenError: If somebody else has the name.
 
     A name that an operator has hidden stays hidden after a change.
     """
@@ -91,7 +96,7 @@ def introduce(
 
 
 def remove_name(conn: sqlite3.Connection, player_id: str) -> None:
-    """Remove a player's name, unless it is hidden: a hidden name stays, so that nobody can choose it again."""
+    """Remove a player's name. A hidden name stays, so that nobody can choose it again."""
     conn.execute("DELETE FROM names WHERE player_id = ? AND NOT hidden", [player_id])
 
 

@@ -1,4 +1,4 @@
-"""Boards of the playground by their player: what the playground asks of the database.
+"""What the playground asks of the database: boards by their player.
 
 A ranked episode is one that a person plays alone, on the page, on a terrain that the server drew for them: if it ended now, it
 would count. No query about boards sees one of a study or of a daily terrain, but where it says so.
@@ -47,8 +47,8 @@ _WATCHABLE = """SELECT e.session_id, e.ended_ms FROM episodes e LEFT JOIN series
     LEFT JOIN series y ON y.name = x.series
     WHERE e.id = :episode AND (x.series IS NULL OR y.closed_ms <= :now OR x.player_id = :viewer)"""
 
-# Boards with their rival's: nothing has happened on either, and neither is the newest session. The few open episodes are
-# read first, not all sessions: moves wait meanwhile.
+# Boards with their rival's: nothing has happened on either, and neither is the newest session. Moves wait for this query, so
+# it reads the few open episodes first, not all sessions.
 _UNPLAYED = """SELECT DISTINCT s.rowid, s.id, s.player_id, r.id FROM episodes o CROSS JOIN sessions b ON b.id = o.session_id
     CROSS JOIN sessions s ON s.id = coalesce(b.rival_of, b.id) LEFT JOIN sessions r ON r.rival_of = s.id
     WHERE o.ended_ms IS NULL AND o.started_ms < :before AND s.rowid > :after AND s.created_ms < :before
@@ -60,11 +60,12 @@ _UNPLAYED = """SELECT DISTINCT s.rowid, s.id, s.player_id, r.id FROM episodes o 
         OR EXISTS (SELECT 1 FROM input_events v WHERE v.episode_id = e.id)
         OR EXISTS (SELECT 1 FROM series_episodes t WHERE t.episode_id = e.id)))
     ORDER BY s.rowid LIMIT :most"""
-WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
+DELETE_UNUSED_PLAYER = """DELETE FROM players WHERE id = ?1
     AND NOT EXISTS (SELECT 1 FROM sessions WHERE ?1 IN (player_id, owner_id))
     AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)
     AND NOT EXISTS (SELECT 1 FROM series_episodes WHERE player_id = ?1)
     AND NOT EXISTS (SELECT 1 FROM names WHERE player_id = ?1)"""
+"""Deletes a player (SQL) of whom nothing else is stored."""
 
 
 def open_ranked(store: Store, player_id: str) -> list[Trial]:
@@ -73,7 +74,7 @@ def open_ranked(store: Store, player_id: str) -> list[Trial]:
 
 
 def open_plays(reader: Reader) -> list[Trial]:
-    """The ranked episodes of all players that have a move and have not ended, on instances that are new to them."""
+    """Open ranked episodes with a move, on instances that are new to their players."""
     sql = _OF_ALL + " AND x.series IS NULL AND NOT e.terrain_met_before"
     return [Trial.of(row) for row in reader.query(sql) if row["moves"]]
 
@@ -85,34 +86,41 @@ class ExclusionCounts:
     repeated    on an instance that was chosen, or met before
     by_program  a move was called no key and no touch, as in a browser that says that a program drives it
     unattested  a move fits no key or touch of the page
+    unmoved     the environment failed at the first move
     """
 
     repeated: int
     by_program: int
     unattested: int
+    unmoved: int
 
 
 def left_out_plays(reader: Reader, task: str) -> ExclusionCounts:
     """Count what people alone played of a task and what does not count."""
-    sql = """SELECT coalesce(sum(is_repeated), 0) AS repeated,
-        coalesce(sum(NOT is_repeated AND driver = 'script'), 0) AS by_program,
-        coalesce(sum(NOT is_repeated AND attestation IS 'unattested'), 0) AS unattested
-        FROM (SELECT e.driver, e.attestation, e.seed_chosen OR e.terrain_met_before AS is_repeated
+    sql = """SELECT coalesce(sum(moved AND is_repeated), 0) AS repeated,
+        coalesce(sum(moved AND NOT is_repeated AND driver = 'script'), 0) AS by_program,
+        coalesce(sum(moved AND NOT is_repeated AND attestation IS 'unattested'), 0) AS unattested,
+        coalesce(sum(NOT moved AND outcome = 'environment_failed'), 0) AS unmoved
+        FROM (SELECT e.driver, e.attestation, e.outcome, e.steps > 0 AS moved,
+            e.seed_chosen OR e.terrain_met_before AS is_repeated
             FROM episodes e JOIN sessions s ON s.id = e.session_id LEFT JOIN series_episodes x ON x.episode_id = e.id
-            WHERE e.task = ? AND e.ended_ms IS NOT NULL AND e.steps > 0 AND e.driver IN ('human', 'script')
+            WHERE e.task = ? AND e.ended_ms IS NOT NULL AND e.driver IN ('human', 'script')
             AND NOT e.assisted AND s.owner_id IS NOT NULL AND x.series IS NULL)"""
     (row,) = reader.query(sql, [task])
     return ExclusionCounts(**row)
 
 
 def ranked_left_since(store: Store, before_ms: int) -> list[Trial]:
-    """Return every open ranked or daily episode whose last move was made before a time; none without a move is among them."""
+    """Open ranked or daily episodes whose last move was made before a time.
+
+    An episode without a move is never one of them.
+    """
     trials = rows(store.connection, _OF_ALL + " AND moved_ms < :before", {"before": before_ms})
     return [Trial.of(row) for row in trials]
 
 
 def left_since(store: Store, before_ms: int) -> list[Trial]:
-    """Return every open episode of no study whose last move or input event was stored before a time.
+    """Open episodes outside studies whose last move or event is older than a time.
 
     One without either is among them where it is an attempt at a daily terrain: other boards of that kind are deleted.
     """
@@ -121,7 +129,7 @@ def left_since(store: Store, before_ms: int) -> list[Trial]:
 
 
 def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
-    """Return the id of the session that a player's page goes on with; None when there is none.
+    """The session that a player's page resumes; None if there is none.
 
     It is that of their ranked episode with moves if one is open, else the newest of those that are open or ended within a day.
     """
@@ -133,7 +141,9 @@ def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
 def watchable_session(
     store: Store, episode_id: str, at_ms: int, viewer: str | None = None
 ) -> tuple[str, bool] | None:
-    """Return (its session's id, whether it has ended) of an episode that may be watched; None for any other id.
+    """The session of an episode that may be watched, and whether it has ended.
+
+    None for any other id.
 
     at_ms   now: an episode of a series that is open may not be watched
     viewer  the player who asks, who sees their own attempt at a daily terrain
@@ -144,14 +154,14 @@ def watchable_session(
 
 
 def newest_episode(store: Store, session_id: str) -> str | None:
-    """Return the id of the episode on a session's board, running or ended; None where there is none."""
+    """The newest episode of a session, running or ended; None if there is none."""
     sql = "SELECT id FROM episodes WHERE session_id = ? ORDER BY number DESC LIMIT 1"
     row = store.connection.execute(sql, [session_id]).fetchone()
     return None if row is None else str(row[0])
 
 
 def sessions_after(store: Store, row: int, most: int) -> list[tuple[int, str]]:
-    """Return (row number, id) of the first sessions that were stored after the one with a row number, in that order."""
+    """Row numbers and ids of the first sessions stored after a row number, in order."""
     sql = "SELECT rowid, id FROM sessions WHERE rowid > ? ORDER BY rowid LIMIT ?"
     return store.connection.execute(sql, [row, most]).fetchall()
 
@@ -163,7 +173,7 @@ def session_of_row(store: Store, row: int) -> str | None:
 
 
 class Deletion(NamedTuple):
-    """What was deleted, and the row number after which the next look begins (None: there is nothing more)."""
+    """What was deleted, and the row number to go on after; None at the end."""
 
     sessions: list[str]
     episodes: list[str]
@@ -173,7 +183,9 @@ class Deletion(NamedTuple):
 def delete_unplayed(
     store: Store, before_ms: int, in_use: Callable[[str], bool], after: int = 0, most: int = 100
 ) -> Deletion:
-    """Delete boards that were begun before a time and on which nobody has moved, among `most` that follow a row number.
+    """Delete old boards on which nobody has moved.
+
+    Only the next `most` boards after a row number are looked at.
 
     A board goes with its rival's and with its player, if they have nothing else. Deleted are only boards whose episodes all
     run and have neither a move nor an input event: the chain has no entry of them, so nothing that `verify` looks at changes.
@@ -196,5 +208,5 @@ def delete_unplayed(
                 conn.execute("DELETE FROM sessions WHERE id = ?", [session])
             deleted += ids
             players |= {player_id} - {None}
-        conn.executemany(WITHOUT_ANYTHING, [(player_id,) for player_id in players])
+        conn.executemany(DELETE_UNUSED_PLAYER, [(player_id,) for player_id in players])
     return Deletion(deleted, episodes, unplayed[-1][0] if len(unplayed) == most else None)

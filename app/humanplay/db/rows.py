@@ -138,6 +138,7 @@ class PlayerSettings(TypedDict, total=False):
     modality: str
     palette: str
     keys: dict[str, list[str]]
+    language: str
 
 
 class StageEvent(NamedTuple):

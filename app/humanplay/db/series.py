@@ -20,7 +20,7 @@ from humanplay.db import chain
 from humanplay.db.columns import TABLES
 from humanplay.db.database import rows
 from humanplay.db.erasure import ANSWERS, ARRIVALS, ERASED, asks_erasure, invitation_hash
-from humanplay.db.playground import MOVES, WITHOUT_ANYTHING
+from humanplay.db.playground import DELETE_UNUSED_PLAYER, MOVES
 from humanplay.db.reader import ATTESTED, TRIAL, Reader
 from humanplay.db.rows import (
     ErasedPerson,
@@ -121,8 +121,8 @@ class StudyStore:
         row = self._conn.execute(sql, [name]).fetchone()
         return row is not None
 
-    def open_names(self) -> dict[str, bool]:
-        """The studies that are not closed: name -> whether the secret is to be kept."""
+    def unclosed_studies(self) -> dict[str, bool]:
+        """Name of each study that is not closed -> whether its secret is to be kept."""
         sql = "SELECT name, secret_kept_ms IS NOT NULL FROM series WHERE closed_ms IS NULL"
         return {name: bool(is_kept) for name, is_kept in self._conn.execute(sql).fetchall()}
 
@@ -334,7 +334,7 @@ class StudyStore:
             with self._changing(participant.id):
                 self._set(participant.id, {"player_id": player_id})
                 self._add(participant.id, at_ms, MOVED_EVENT, detail)
-            self._conn.execute(WITHOUT_ANYTHING, [participant.player_id])
+            self._conn.execute(DELETE_UNUSED_PLAYER, [participant.player_id])
 
     def _hand_over_board(self, session_id: str, player_id: str) -> None:
         has_entry = "SELECT 1 FROM chain_salts WHERE kind = 'session' AND id = ?"
@@ -488,7 +488,7 @@ def study_names(reader: Reader) -> list[str]:
 
 
 def closed_studies(reader: Reader) -> list[SeriesRow]:
-    """The studies, no dry runs, that are closed with their secret known, the latest first."""
+    """Closed studies whose secret is known, the latest first; no dry runs."""
     return [SeriesRow(**row) for row in reader.query(_CLOSED)]
 
 
@@ -519,7 +519,7 @@ def count_places(reader: Reader, study: str, since_ms: int | None) -> int:
 
 
 def count_dry_runs(reader: Reader, study: str) -> tuple[int, int]:
-    """How many dry runs of a study there were, and how many people agreed to take part."""
+    """How many dry runs a study had, and how many people consented in them."""
     (row,) = reader.query(DRY_RUNS, [study])
     return row["dry_runs"], row["dry_run_people"]
 
@@ -534,7 +534,7 @@ def count_freezings(reader: Reader, study: str) -> int:
 
 
 def of_same_configuration(reader: Reader, row: SeriesRow) -> list[tuple[str, int]]:
-    """(name, frozen_ms) of other studies, no dry runs, of the configuration, by the chain."""
+    """Name and frozen_ms of other studies of this configuration; no dry runs."""
     sql = """SELECT DISTINCT json_extract(note, '$.study') AS name, json_extract(note, '$.frozen_ms') AS frozen_ms FROM chain
         WHERE kind = 'frozen' AND json_extract(note, '$.study') <> ? AND json_extract(note, '$.configuration') = ?
         AND json_extract(note, '$.dry_run_of') IS NULL ORDER BY 2, 1"""
@@ -618,14 +618,14 @@ def identities_by_person(reader: Reader, study: str) -> dict[str, dict[str, str]
 
 
 class ListedAmounts(NamedTuple):
-    """A time at which amounts that follow from play were listed while the study was open."""
+    """When amounts that depend on play were listed although the study was open."""
 
     at_ms: int
     people: int
 
 
 def amounts_listed(reader: Reader, study: str, commitment: str) -> list[ListedAmounts]:
-    """When amounts that follow from play were listed before a study was closed, as the chain says."""
+    """When amounts that depend on play were listed before the closing, by the chain."""
     sql = """SELECT json_extract(note, '$.at_ms') AS at_ms, json_extract(note, '$.people') AS people FROM chain
         WHERE kind = 'acted' AND json_extract(note, '$.act') = 'amounts listed'
         AND json_extract(note, '$.study') = ? AND json_extract(note, '$.commitment') = ? ORDER BY number"""
@@ -667,6 +667,8 @@ _SECRET = "daily_secret"
 """The row of the table `meta` with the secret that the keys of this database's days follow from."""
 _DAY = """SELECT y.* FROM series y WHERE y.name GLOB ?1
     ORDER BY (SELECT count(*) FROM series_episodes x WHERE x.series = y.name) DESC, y.commitment LIMIT 1"""
+_BESIDE = """SELECT (SELECT max(name) FROM series WHERE name > ?1 AND name < ?2) AS older,
+    (SELECT min(name) FROM series WHERE name > ?2 || ';' AND name < ?3) AS newer"""
 _ATTEMPTS = f"""SELECT {TRIAL}, {MOVES} FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
     JOIN sessions s ON s.id = e.session_id WHERE x.player_id = ? ORDER BY x.series DESC"""
 _RESULTS = f"""SELECT e.id AS episode_id, x.player_id, e.outcome, e.steps, e.discovered, e.score, e.ended_ms
@@ -675,7 +677,7 @@ _RESULTS = f"""SELECT e.id AS episode_id, x.player_id, e.outcome, e.steps, e.dis
 
 
 def daily_secret(store: Store) -> bytes:
-    """Return the secret that the keys of this database's days follow from: made once, kept in the database."""
+    """The secret from which the days' keys follow; created once, in the database."""
     with store.transaction():
         values = (_SECRET, secrets.token_hex(32))
         store.connection.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", values)
@@ -684,13 +686,35 @@ def daily_secret(store: Store) -> bytes:
 
 
 def find_day(reader: Reader, day: str) -> SeriesRow | None:
-    """Return the series of a day, the most played of them in a merged database; None where there was none on that day."""
+    """The series of a day; None if there is none.
+
+    A merged database may have several: the most played one.
+    """
     days = reader.query(_DAY, [f"{DAILY}:{day}:*"])
     return SeriesRow(**days[0]) if days else None
 
 
+def days_beside(reader: Reader, day: str, last: str) -> tuple[str | None, str | None]:
+    """The nearest days with a terrain before and after a day; None if there is none.
+
+    Args:
+        day: Like "2026-11-22".
+        last: The last day that may be named.
+    """
+    # a name is "daily:DAY:...", and ";" comes after ":"
+    (row,) = reader.query(_BESIDE, [f"{DAILY}:", f"{DAILY}:{day}", f"{DAILY}:{last};"])
+    older, newer = (name and name.split(":")[1] for name in (row["older"], row["newer"]))
+    return older, newer
+
+
 def add_attempt(store: Store, series: str, player_id: str, episode_id: str) -> None:
-    """Add an episode, in the transaction that opens it, as a player's attempt at a day's terrain; StoreError for a second."""
+    """Add an episode as a player's attempt at a day's terrain.
+
+    Call it in the transaction that opens the episode.
+
+    Raises:
+        StoreError: If it is the player's second attempt.
+    """
     with store.transaction():
         values = (episode_id, series, player_id)
         sql = "INSERT INTO series_episodes VALUES (?, ?, NULL, ?, 'ranked', 0, 0)"
@@ -715,5 +739,5 @@ class DayResult(NamedTuple):
 
 
 def results(reader: Reader, series: str, before_ms: int) -> list[DayResult]:
-    """Return people's attempts at a day's terrain that ended before a time, in the order of their ends."""
+    """Attempts at a day's terrain that ended before a time, sorted by their ends."""
     return [DayResult(**row) for row in reader.query(_RESULTS, [series, before_ms])]

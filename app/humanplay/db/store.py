@@ -1,11 +1,12 @@
 """The writer of everything that is played: a row a step, committed at once.
 
 Every write is an IMMEDIATE transaction on one connection. In a server one thread owns it
-(`Store.write`), and reads are made on other threads over connections of their own (`Store.read`),
-so that the event loop waits for neither a disk nor a lock. In a command or a test the caller's
-thread does all of it, and a write is committed when the call returns. `humanplay.db.database` opens
-the file, `humanplay.db.reader` reads what is finished, and `humanplay.db.series` writes the tables
-of studies in transactions of the same store.
+(`Store.write`, `WriteQueue`). Reads are made on other threads over connections of
+their own (`Store.read`), so that the event loop waits for neither a disk nor a lock. In a command or
+a test the caller's thread does all of it, and a write is committed when the call returns.
+
+`humanplay.db.database` opens the file, `humanplay.db.reader` reads what is finished, and
+`humanplay.db.series` writes the tables of studies in transactions of the same store.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ from humanplay.db.reader import JOINED, TRIAL, Reader
 from humanplay.db.rows import EpisodeRow, Input, MoveRow
 from humanplay.db.trial import Trial
 from humanplay.task import Record, counted
+from humanplay.task.sentences import Sentence
 
 if TYPE_CHECKING:
     from sqlite_utils import Database
@@ -74,23 +76,45 @@ NOTICE_S = 1.0
 """Seconds after which a waiting player is told why."""
 MAX_WAITING = 1_000
 """Writes that wait at a time; further ones are refused at once."""
-GATHERED_S = 0.005
-"""Seconds that a write may wait for another to share its commit, if nobody waits for it."""
+GATHER_S = 0.005
+"""Seconds that a write may wait for another to share its commit, unless its commit is due."""
 MOST_TOGETHER = 64
 """Writes that are committed together, at most."""
 SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.002, 0.05
 
-WAITS = "another program is writing the server's database: your move waits, and is made as soon as that program is done"
-SLOW = "the server's disk is slow to answer: your move waits, and is made as soon as it is recorded"
-LOCKED = "another program is writing the server's database and has not finished: nothing has changed; try again in a moment"
-_UNCHANGED = "nothing has changed; try again in a moment"
-NOT_BEGUN = f"the server's disk has not answered for a while: {_UNCHANGED}"
-FULL = "more waits to be recorded than the server's disk takes: nothing has changed; try again in a moment"
-ENDS = "the server is about to stop: nothing has changed; try again in a moment"
-BROKEN = (
-    "the part of the server that records moves has failed: no move is made and nothing is recorded until the server is "
-    "started anew; its log says what went wrong"
+WAITS = Sentence(
+    "store.waits",
+    "another program is writing the server's database: your move waits, and is made as soon as that program is done",
 )
+SLOW = Sentence(
+    "store.slow",
+    "the server's disk is slow to answer: your move waits, and is made as soon as it is recorded",
+)
+LOCKED = Sentence(
+    "store.locked",
+    "another program is writing the server's database and has not finished: nothing has changed; try again in a moment",
+)
+NOT_BEGUN = Sentence(
+    "store.not_begun",
+    "the server's disk has not answered for a while: nothing has changed; try again in a moment",
+)
+FULL = Sentence(
+    "store.full",
+    "more waits to be recorded than the server's disk takes: nothing has changed; try again in a moment",
+)
+ENDS = Sentence(
+    "store.ends", "the server is about to stop: nothing has changed; try again in a moment"
+)
+BROKEN = Sentence(
+    "store.broken",
+    "the part of the server that records moves has failed: no move is made and nothing is recorded until the server is "
+    "started anew; its log says what went wrong",
+)
+NOT_TAKEN = Sentence(
+    "store.not_taken",
+    "the database {database} did not take the write, nothing changed: {error}; try again in a moment",
+)
+
 _log = logging.getLogger(__name__)
 DAY_MS = 86_400_000
 READ_CACHE_KB = 256
@@ -154,7 +178,9 @@ class StepRow:
 
 @dataclass(frozen=True)
 class StoredEpisode:
-    """A session's latest episode as a restarted server finds it.
+    """An episode with its session and its moves, as stored.
+
+    A board can be resumed from it.
 
     Attributes:
         newest_ms: Time of its newest move or input event.
@@ -177,9 +203,9 @@ class Closing(NamedTuple):
     """What closes an episode.
 
     Attributes:
-        attestation: Its level, of a person's alone.
-        reason: Why it is not attested.
-        events: The hash of its input events, where it was begun before.
+        attestation: Its level; None for a policy's.
+        reason: Why it is not attested, if it is not.
+        events: The hash of its input events as far as it was computed before, if it was.
     """
 
     episode_id: str
@@ -193,16 +219,18 @@ class Closing(NamedTuple):
 _ADD_SESSION = """INSERT INTO sessions VALUES
     (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8, ?9)"""
 _STEP = TABLES["steps"].names()
-# The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing. Nothing, too, where it would
-# be a script's in an episode that is a person's still.
+# No step is lost or doubled: only the next one of an open episode is added. A script's step is not added to an episode that
+# is still a person's: it must become a script's first.
 _ADD_STEP = f"""INSERT INTO steps ({", ".join(_STEP)}) SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11
     WHERE ?2 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)
     AND EXISTS (SELECT 1 FROM episodes WHERE id = ?1 AND ended_ms IS NULL AND (driver <> 'human' OR ?11 = 'human'))"""
 _STEP_VALUES = attrgetter(*_STEP)
 _BECOME_SCRIPT = "UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'"
 KEPT_BATCHES = 4
-"""Batches of input events by whose ids an ended episode knows one that comes again: a page repeats
-its newest."""
+"""How many ids of batches of input events an ended episode keeps.
+
+By them it recognises a batch that the page sends again.
+"""
 _FORGET_BATCHES = """DELETE FROM event_batches WHERE episode_id = ?1 AND first <
     (SELECT first FROM event_batches WHERE episode_id = ?1 ORDER BY first DESC LIMIT 1 OFFSET ?2)"""
 _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
@@ -222,318 +250,16 @@ _NEWEST_EVENT = (
 )
 
 
-@dataclass(eq=False, slots=True)
-class _Write:
-    """A write that waits.
-
-    Attributes:
-        work: Makes it.
-        then, undone: Follow its commit, or a commit that failed.
-        done: Whoever waits for it awaits this.
-        deadline: Monotonic seconds until which somebody waits.
-    """
-
-    work: Callable[[], object]
-    then: Callable[[Any], None] | None
-    undone: Callable[[], None] | None
-    done: asyncio.Future[Any]
-    notice: Notice | None
-    deadline: float
-    claim: threading.Lock = field(default_factory=threading.Lock)
-    """Decides once: the thread acquires it to make the write, or the event loop to refuse it."""
-    result: object = None
-    error: BaseException | None = None
-
-
-class WriteQueue:
-    """The writes of one database, in the order of asking, on a thread of their own.
-
-    The event loop never waits for SQLite: a caller puts a function into the queue and awaits its
-    result, which comes after the commit. Writes that wait together are committed together. The
-    thread waits for another program's lock and for a slow disk. Without a started thread each write
-    is made at once by its caller.
-
-    Attributes:
-        fault: One sentence when the thread has ended by an error, so that nothing can be recorded;
-            else None.
-
-    Args:
-        commit: Commits what the writes since the last call wrote.
-        roll_back: Takes it back.
-    """
-
-    def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
-        self._commit, self._roll_back = commit, roll_back
-        self._gathered: list[_Write] = []
-        self._is_due = False
-        self._unanswered: deque[_Write] = deque()
-        self._timer: asyncio.TimerHandle | None = None
-        self._queue: SimpleQueue[list[_Write] | None] = SimpleQueue()
-        self._waiting = 0
-        self._thread: threading.Thread | None = None
-        self._loop: asyncio.AbstractEventLoop
-        self._is_ending = False
-        self._deadline, self._pause_s, self._is_locked = 0.0, SHORTEST_PAUSE_S, False
-        self._notices: set[asyncio.Task[None]] = set()
-        self.fault: str | None = None
-
-    def __len__(self) -> int:
-        """How many writes wait."""
-        return self._waiting
-
-    @property
-    def is_started(self) -> bool:
-        """Whether the thread makes the writes, and nobody else may."""
-        return self._thread is not None
-
-    @property
-    def is_own_thread(self) -> bool:
-        """Whether the caller is the thread of the writes."""
-        return self._thread is not None and threading.get_ident() == self._thread.ident
-
-    def start(self) -> None:
-        """Let a thread make the writes from now on; call it on the running event loop."""
-        self._loop, self._is_ending, self._timer = asyncio.get_running_loop(), False, None
-        self._thread = threading.Thread(target=self._make_writes, name="writes", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Make the writes that wait, then end the thread.
-
-        Call it in another thread, while the event loop runs.
-        """
-        if self._thread is not None:
-            try:
-                self._loop.call_soon_threadsafe(self._end)
-            except RuntimeError:  # the event loop has ended
-                self._end()
-            self._thread.join()
-            self._thread = None
-
-    def put(
-        self,
-        work: Callable[[], T],
-        notice: Notice | None = None,
-        then: Callable[[T], None] | None = None,
-        is_awaited: bool = True,
-        undone: Callable[[], None] | None = None,
-    ) -> asyncio.Future[T]:
-        """Queue a write; the result of `work()` comes after its commit.
-
-        Args:
-            work: Called on the thread of the writes.
-            notice: Told one sentence when the wait has lasted NOTICE_S.
-            then: Called with the result on the event loop, right after the commit, also if the
-                waiting task was cancelled.
-            is_awaited: Whether somebody waits; else it may wait for another one for GATHERED_S.
-            undone: Called if its commit failed, on the thread of the writes, before any further
-                write.
-
-        Raises:
-            WriteRefusedError: After PATIENCE_S if the write has not begun, or at once while
-                MAX_WAITING writes wait.
-            StoreError: If the commit failed.
-            Exception: What `work` raised.
-        """
-        if self._thread is None:
-            answer = asyncio.get_running_loop().create_future()
-            answer.set_result(work())
-            if then is not None:
-                then(answer.result())
-            return answer
-        if self.fault is not None:
-            raise StoreError(self.fault)
-        if self._is_ending or self._waiting >= MAX_WAITING:
-            raise WriteRefusedError(ENDS if self._is_ending else FULL)
-        loop = self._loop
-        write = _Write(work, then, undone, loop.create_future(), notice, loop.time() + PATIENCE_S)
-        self._waiting += 1
-        self._unanswered.append(write)
-        if self._timer is None:
-            self._set_timer()
-        self._gathered.append(write)
-        if is_awaited and not self._is_due:
-            self._is_due = True
-            loop.call_soon(self._hand_over)
-        elif len(self._gathered) == 1:
-            loop.call_later(GATHERED_S, self._hand_over)
-        return write.done
-
-    def wait_for_lock(self) -> bool:
-        """Wait a moment for another program's lock.
-
-        Only `work` calls it, on the thread of the writes.
-
-        Returns:
-            False if the write that is being made has waited long enough.
-        """
-        if self._is_ending or time.monotonic() >= self._deadline:
-            return False
-        self._is_locked = True
-        time.sleep(self._pause_s)
-        self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
-        return True
-
-    def _hand_over(self) -> None:
-        """Hand the writes of one turn of the event loop to the thread, together.
-
-        Waking the thread costs more than a write.
-        """
-        self._is_due = False
-        if self._gathered:
-            self._queue.put(self._gathered)
-            self._gathered = []
-
-    def _end(self) -> None:
-        """Take no further write, and let the thread end after those that were gathered.
-
-        Between two turns of the event loop nobody else gathers.
-        """
-        self._is_ending = True
-        self._hand_over()
-        self._queue.put(None)
-
-    def _make_writes(self) -> None:
-        waiting, batch, is_last = deque[_Write](), list[_Write](), False
-        try:
-            while waiting or not is_last:
-                if not waiting:
-                    is_last = self._take(waiting)
-                    continue
-                while waiting and len(batch) < MOST_TOGETHER:
-                    batch.append(waiting.popleft())
-                    self._make(batch[-1])
-                    if not waiting and not is_last and not self._queue.empty():
-                        is_last = self._take(waiting)  # it came meanwhile, and shares the commit
-                self._commit_all(batch)
-                self._call(self._answer, batch)
-                batch = []
-        except BaseException:
-            _log.exception("the thread that makes the writes has failed")
-            self.fault = BROKEN
-            with suppress(Exception):
-                self._roll_back()
-            self._call(self._fail, [*batch, *waiting])
-
-    def _take(self, waiting: deque[_Write]) -> bool:
-        """Take what was handed over; wait for it if need be.
-
-        Returns:
-            Whether nothing comes after it.
-        """
-        handed = self._queue.get()
-        waiting.extend(handed or ())
-        return handed is None
-
-    def _make(self, write: _Write) -> None:
-        if not write.claim.acquire(blocking=False):
-            return  # the event loop has refused it
-        self._deadline, self._pause_s = write.deadline, SHORTEST_PAUSE_S
-        try:
-            if time.monotonic() >= write.deadline:
-                raise WriteRefusedError(LOCKED if self._is_locked else NOT_BEGUN)
-            write.result = write.work()
-        except Exception as error:
-            write.error = error
-
-    def _commit_all(self, batch: Sequence[_Write]) -> None:
-        try:
-            self._commit()
-        except Exception as error:
-            for write in batch:
-                if write.error is None and write.undone is not None:
-                    write.undone()
-                write.error = write.error or error
-        self._is_locked = False
-
-    def _call(self, on_loop: Callable[[Sequence[_Write]], None], batch: Sequence[_Write]) -> None:
-        with suppress(RuntimeError):  # the event loop has ended, and nobody waits any more
-            self._loop.call_soon_threadsafe(on_loop, batch)
-
-    def _answer(self, batch: Sequence[_Write]) -> None:
-        """Let those whose writes were made, or refused, go on."""
-        for write in batch:
-            self._waiting -= 1
-            if write.error is None and write.then is not None and not _is_refused(write):
-                try:
-                    write.then(write.result)
-                except Exception as error:
-                    _log.exception("what follows a write has failed")
-                    write.error = error
-            if write.done.done():
-                continue
-            if write.error is None:
-                write.done.set_result(write.result)
-            else:
-                write.done.set_exception(write.error)
-        self._drop_answered()
-
-    def _drop_answered(self) -> None:
-        """Forget the oldest writes as far as they are answered.
-
-        Answers come in order, so mostly none are left.
-        """
-        while self._unanswered and self._unanswered[0].done.done():
-            self._unanswered.popleft()
-
-    def _fail(self, batch: Sequence[_Write]) -> None:
-        """Refuse what was being made and what waits, since the thread has ended."""
-        self._hand_over()
-        waiting = list(batch)
-        while not self._queue.empty():
-            waiting += self._queue.get() or ()
-        for write in waiting:
-            write.error = StoreError(BROKEN)
-        self._answer(waiting)
-
-    def _set_timer(self) -> None:
-        """Have the oldest waiting write looked at when it has waited for NOTICE_S.
-
-        One timer serves all of them.
-        """
-        due = self._unanswered[0].deadline - PATIENCE_S + NOTICE_S
-        self._timer = self._loop.call_at(due, self._look_at_waiting)
-
-    def _look_at_waiting(self) -> None:
-        self._timer = None
-        self._drop_answered()
-        late = self._loop.time() + PATIENCE_S - NOTICE_S
-        while self._unanswered and self._unanswered[0].deadline <= late:
-            self._tell_why(self._unanswered.popleft())
-            self._drop_answered()
-        if self._unanswered:
-            self._set_timer()
-
-    def _tell_why(self, write: _Write) -> None:
-        """Tell the waiting player why, and refuse the write if it does not begin in time."""
-        self._loop.call_later(PATIENCE_S - NOTICE_S, self._refuse, write)
-        if write.notice is not None:
-            task = self._loop.create_task(_send(write.notice, WAITS if self._is_locked else SLOW))
-            self._notices.add(task)
-            task.add_done_callback(self._notices.discard)
-
-    def _refuse(self, write: _Write) -> None:
-        if not write.done.done() and write.claim.acquire(blocking=False):
-            write.done.set_exception(WriteRefusedError(LOCKED if self._is_locked else NOT_BEGUN))
-
-
-def _is_refused(write: _Write) -> bool:
-    return write.done.done() and not write.done.cancelled() and write.done.exception() is not None
-
-
-async def _send(notice: Notice, text: str) -> None:
-    await notice(text)
-
-
 class Store(Reader):
     """The one writer of a database.
 
     Attributes:
-        path: Of its file.
-        metrics: Count its commits and the moves of its sessions.
-        missing: How many commits a power cut took.
+        path: The path of its file.
+        metrics: Where its commits and the moves of its sessions are counted.
+        missing: How many acknowledged commits the file lacks.
 
     Args:
+        durable: Whether commits outlast a power cut, each at the cost of a wait for the disk.
         accept_loss: Open the database also if acknowledged commits are missing, or might be.
     """
 
@@ -550,7 +276,8 @@ class Store(Reader):
         self._lock = DatabaseLock(path)
         try:
             self.missing = 0 if accept_loss else check_commits(path)
-            # from here on commits may be in the log alone: the note comes first, and is emptied last
+            # from here on new commits may be in the write-ahead log only, so the lock file's note
+            # of their number is written first and cleared last
             self._lock.begin_note(commits_in(path)[0], durable)
             super().__init__(open_database(path, durable), path)
         except BaseException:
@@ -559,8 +286,8 @@ class Store(Reader):
         self._conn: sqlite3.Connection = self._db.conn
         self._lost: str | None = None
         self._takes_writes = True
-        self._is_within, self._began = False, 0.0
-        self._undone: StoreError | None = None
+        self._is_within, self._started_s = False, 0.0
+        self._lost_error: StoreError | None = None
         self.writes = WriteQueue(self._commit, self._roll_back)
         try:
             self._lock.lock_database()  # of a file that was made just now
@@ -570,14 +297,14 @@ class Store(Reader):
             self.close()
             raise
 
-    def _note_running(self, runs: bool) -> None:
-        """Write into the file that a server has it, or that the server has ended."""
+    def _note_running(self, is_running: bool) -> None:
+        """Record in the file whether a server uses it."""
         sql = (
             "INSERT OR IGNORE INTO meta VALUES (?, '1')"
-            if runs
+            if is_running
             else "DELETE FROM meta WHERE name = ?"
         )
-        # on a full disk the note alone says so
+        # on a full disk only the lock file's note says that a server uses the file
         with suppress(sqlite3.Error):
             with transaction(self._conn):
                 self._conn.execute(sql, [RUNS])
@@ -585,18 +312,15 @@ class Store(Reader):
             self._conn.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
 
     def start_threads(self) -> None:
-        """From now on write on one thread and read on others.
-
-        Call it on the running event loop.
-        """
+        """Write on one thread and read on others from now on; call it on the event loop."""
         self._conn.execute("PRAGMA busy_timeout = 0")  # the thread waits by itself, and says why
         self._reads = ReadThreads(self._open_for_reading)
         self.writes.start()
 
     def stop_threads(self) -> None:
-        """Make the writes that wait, end the threads, and go back to the caller's.
+        """Make the writes that wait, and end the threads.
 
-        Call it beside the running event loop, not on it.
+        Call it in another thread than the event loop's, which still runs.
         """
         self.writes.stop()
         if self._reads is not None:
@@ -645,7 +369,7 @@ class Store(Reader):
         Returns:
             Its result to come.
         """
-        return self.writes.put(work, undone=undone, is_awaited=False)
+        return self.writes.put(work, undone=undone, commit_at_once=False)
 
     async def read(self, work: Callable[[], T]) -> T:
         """Call `work()`, which reads what is committed, without waiting for writes."""
@@ -664,10 +388,9 @@ class Store(Reader):
 
     @property
     def _db(self) -> Database:
-        """The connection for the caller.
+        """The connection for the caller's thread.
 
-        It is the one that writes, or a reading one of the caller's thread while threads are
-        started.
+        While threads are started, only the thread of the writes has the one that writes.
         """
         if self._reads is None or self.writes.is_own_thread:
             return self._own_db
@@ -732,7 +455,7 @@ class Store(Reader):
                 self._take_back(is_first, has_savepoint, error)
                 raise
         except sqlite3.Error as error:
-            raise self._not_taken(error) from error
+            raise self._report_refused_write(error) from error
         finally:
             self._is_within = False
         if not self.writes.is_started:
@@ -758,14 +481,14 @@ class Store(Reader):
                     raise
                 if not self.writes.is_started or not self.writes.wait_for_lock():
                     raise WriteRefusedError(LOCKED) from error
-        self._began = time.perf_counter()
+        self._started_s = time.perf_counter()
 
     def _take_back(self, is_first: bool, has_savepoint: bool, error: BaseException) -> None:
         """Take back what a transaction wrote, and nothing of those that wait for a commit."""
         if not self._conn.in_transaction:
             # SQLite has taken back the other transactions too, as it may on a full disk
             if not is_first:
-                self._undone = self._not_taken(error)
+                self._lost_error = self._report_refused_write(error)
         elif is_first:
             self._conn.execute("ROLLBACK")
         elif has_savepoint:
@@ -773,16 +496,16 @@ class Store(Reader):
             self._conn.execute("RELEASE part")
 
     def _commit(self) -> None:
-        """Commit the transactions since the last call.
+        """Commit the transactions since the last call, or take them back.
 
         They are taken back if the file is no longer where it was opened.
         """
-        undone, self._undone = self._undone, None
-        if not self._conn.in_transaction and undone is None:
+        lost_error, self._lost_error = self._lost_error, None
+        if not self._conn.in_transaction and lost_error is None:
             return
         try:
-            if undone is not None:
-                raise undone
+            if lost_error is not None:
+                raise lost_error
             # look before the commit, while the write can still be taken back
             self._place.check()
             (commits,) = self._conn.execute(COUNT_COMMIT).fetchone()
@@ -790,7 +513,7 @@ class Store(Reader):
         except BaseException as error:
             self._roll_back()
             if isinstance(error, sqlite3.Error):
-                raise self._not_taken(error) from error
+                raise self._report_refused_write(error) from error
             raise
         # the file went between look and commit: memory lacks what the lost file has, so nothing may follow
         self._lost = self._place.fault()
@@ -800,14 +523,15 @@ class Store(Reader):
         if not self._takes_writes:
             self._takes_writes = True
             _log.warning("the database %s takes writes again", self.path)
-        self.metrics.commit.observe(time.perf_counter() - self._began)
+        self.metrics.commit.observe(time.perf_counter() - self._started_s)
 
     def _roll_back(self) -> None:
         if self._conn.in_transaction:
             self._conn.execute("ROLLBACK")
 
-    def _not_taken(self, error: BaseException) -> StoreError:
-        # log one line when the trouble begins, and one when it ends
+    def _report_refused_write(self, error: BaseException) -> StoreError:
+        """Log that the database takes no writes, and return the error for the caller."""
+        # one line when the trouble begins, and one in `_commit` when it ends
         if self._takes_writes:
             self._takes_writes = False
             _log.error(
@@ -816,12 +540,10 @@ class Store(Reader):
                 self.path,
                 error,
             )
-        return StoreError(
-            f"the database {self.path.name} did not take the write, nothing changed: {error}; try again in a moment"
-        )
+        return StoreError(NOT_TAKEN.format(database=self.path.name, error=str(error)))
 
     def secret(self) -> str:
-        """The key that signs cookies: made once, kept in the database."""
+        """The key that signs cookies; created once, stored in the database."""
         sql = "SELECT value FROM meta WHERE name = 'secret'"
         if self.connection.execute(sql).fetchone() is None:
             with self.transaction():
@@ -835,7 +557,7 @@ class Store(Reader):
             self._db.table("players").insert({"id": player_id, "created_ms": at_ms}, ignore=True)
 
     def add_session(self, row: SessionRow) -> None:
-        """Add a session; a rival's session belongs to the player whose rival it is."""
+        """Add a session. A rival's belongs to the player whose rival it is."""
         with self.transaction():
             self._conn.execute(_ADD_SESSION, astuple(row))
 
@@ -848,36 +570,38 @@ class Store(Reader):
             )
 
     def note_failure(self, episode_id: str, report: str) -> None:
-        """Keep what the environment raised in an episode; call it in a transaction."""
+        """Store what the environment raised in an episode; call it in a transaction."""
         sql = "UPDATE episodes SET failure = ? WHERE id = ?"
         self._conn.execute(sql, [report, episode_id])
 
-    def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> list[Trial]:
+    def next_episode(self, closings: Sequence[Closing], rows: Sequence[Trial]) -> list[Trial]:
         """Close episodes and open the next ones, all of it or nothing.
 
         Returns:
             The opened ones as stored.
         """
         with self.transaction():
-            for end in closing:
-                self._close(Closing(*end))
+            for closing in closings:
+                self._close(closing)
             opened = [replace(row, terrain_met_before=self._has_met(row)) for row in rows]
             for row in opened:
                 self._db.table("episodes").insert(row.row())
         return opened
 
-    def add_step(self, row: StepRow, closing: Record | None = None) -> None:
-        """Commit a step, and close its episode if it ends it.
+    def add_step(self, row: StepRow, record: Record | None = None) -> None:
+        """Add a step, and close its episode if the step ends it.
 
-        A step that did not come from a person's key or touch makes a human episode a script's for
-        ever.
+        A person's episode becomes a script's for good with the first step that no key or touch of
+        the person made.
 
         Args:
-            closing: The record of the episode that the step ends.
+            record: The record of the episode that the step ends.
         """
         values = _STEP_VALUES(row)
-        if row.step > 0 and closing is None and self._add_step_alone(values):
+        if row.step > 0 and record is None and self._add_step_alone(values):
             return
+        # one statement was not enough: the step begins or ends its episode, is a script's first one
+        # in a person's episode, or is not the next one
         with self.transaction():
             if row.driver != "human":
                 self._conn.execute(_BECOME_SCRIPT, (row.episode_id,))
@@ -887,8 +611,8 @@ class Store(Reader):
                 )
             if row.step == 0:
                 chain.append_first_move(self._conn, row.episode_id)
-            if closing is not None:
-                self._close(Closing(row.episode_id, closing, row.server_ms))
+            if record is not None:
+                self._close(Closing(row.episode_id, record, row.server_ms))
 
     def _add_step_alone(self, values: tuple[SqlValue, ...]) -> bool:
         """Add a step by one statement, as most can be; False if nothing was added."""
@@ -914,10 +638,10 @@ class Store(Reader):
         return gaps["number"], gaps["ms"]
 
     def resume_session(self, session_id: str, now_ms: int | None = None) -> StoredEpisode | None:
-        """A session's latest episode, as long as the session can be resumed.
+        """A session's latest episode, or None if the session cannot be resumed.
 
-        It can while the episode is open, within a day after it, and at any age if it is a
-        participant's. Else None.
+        A session can be resumed while the episode is open and for a day after; a participant's at
+        any age.
         """
         now = int(time.time() * 1000) if now_ms is None else now_ms
         rows = self.query(_LATEST, [session_id, now - DAY_MS])
@@ -978,3 +702,312 @@ def forget_batches(conn: sqlite3.Connection, episode_id: str) -> None:
 def is_busy(error: sqlite3.Error) -> bool:
     """Whether an error of SQLite says that another connection holds the lock."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
+
+
+@dataclass(eq=False, slots=True)
+class _Write:
+    """A write that waits.
+
+    Attributes:
+        work: Makes it.
+        then, undone: Follow its commit, or a commit that failed.
+        done: Its result or error, for whoever waits.
+        deadline: Monotonic seconds after which it is refused instead of made.
+    """
+
+    work: Callable[[], object]
+    then: Callable[[Any], None] | None
+    undone: Callable[[], None] | None
+    done: asyncio.Future[Any]
+    notice: Notice | None
+    deadline: float
+    claim: threading.Lock = field(default_factory=threading.Lock)
+    """Decides once: the thread acquires it to make the write, or the event loop to refuse it."""
+    result: object = None
+    error: BaseException | None = None
+
+
+class WriteQueue:
+    """Makes writes on a thread that waits for locks and slow disks.
+
+    Until the thread is started, the caller makes each write at once.
+
+    Attributes:
+        fault: One sentence when the thread has ended by an error, so that nothing can be recorded;
+            else None.
+
+    Args:
+        commit: Commits what the writes since the last call wrote.
+        roll_back: Takes it back.
+    """
+
+    def __init__(self, commit: Callable[[], None], roll_back: Callable[[], None]) -> None:
+        self._commit, self._roll_back = commit, roll_back
+        self._gathered: list[_Write] = []
+        self._is_due = False
+        self._unanswered: deque[_Write] = deque()
+        self._timer: asyncio.TimerHandle | None = None
+        self._queue: SimpleQueue[list[_Write] | None] = SimpleQueue()
+        self._waiting = 0
+        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop
+        self._is_ending = False
+        self._deadline, self._pause_s, self._is_locked = 0.0, SHORTEST_PAUSE_S, False
+        self._notices: set[asyncio.Task[None]] = set()
+        self.fault: str | None = None
+
+    def __len__(self) -> int:
+        """How many writes wait."""
+        return self._waiting
+
+    @property
+    def is_started(self) -> bool:
+        """Whether the thread makes the writes, and nobody else may."""
+        return self._thread is not None
+
+    @property
+    def is_own_thread(self) -> bool:
+        """Whether the caller is the thread of the writes."""
+        return self._thread is not None and threading.get_ident() == self._thread.ident
+
+    def start(self) -> None:
+        """Let a thread make the writes from now on; call it on the running event loop."""
+        self._loop, self._is_ending, self._timer = asyncio.get_running_loop(), False, None
+        self._thread = threading.Thread(target=self._run_thread, name="writes", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Make the writes that wait, then end the thread.
+
+        Call it in another thread, while the event loop runs.
+        """
+        if self._thread is not None:
+            try:
+                self._loop.call_soon_threadsafe(self._end)
+            except RuntimeError:  # the event loop has ended
+                self._end()
+            self._thread.join()
+            self._thread = None
+
+    def put(
+        self,
+        work: Callable[[], T],
+        notice: Notice | None = None,
+        then: Callable[[T], None] | None = None,
+        commit_at_once: bool = True,
+        undone: Callable[[], None] | None = None,
+    ) -> asyncio.Future[T]:
+        """Queue a write; the result of `work()` comes after its commit.
+
+        Args:
+            work: Called on the thread of the writes.
+            notice: Called with one sentence when the wait has lasted NOTICE_S.
+            then: Called with the result on the event loop, right after the commit, also if the
+                waiting task was cancelled.
+            commit_at_once: Whether the commit is due now; else it may wait for another write, for
+                GATHER_S at most.
+            undone: Called if its commit failed, on the thread of the writes, before any further
+                write.
+
+        Raises:
+            WriteRefusedError: After PATIENCE_S if the write has not begun, or at once while
+                MAX_WAITING writes wait.
+            StoreError: If the commit failed.
+            Exception: What `work` raised.
+        """
+        if self._thread is None:
+            done = asyncio.get_running_loop().create_future()
+            done.set_result(work())
+            if then is not None:
+                then(done.result())
+            return done
+        if self.fault is not None:
+            raise StoreError(self.fault)
+        if self._is_ending or self._waiting >= MAX_WAITING:
+            raise WriteRefusedError(ENDS if self._is_ending else FULL)
+        loop = self._loop
+        write = _Write(work, then, undone, loop.create_future(), notice, loop.time() + PATIENCE_S)
+        self._waiting += 1
+        self._unanswered.append(write)
+        if self._timer is None:
+            self._set_timer()
+        self._gathered.append(write)
+        if commit_at_once and not self._is_due:
+            self._is_due = True
+            loop.call_soon(self._hand_over)
+        elif len(self._gathered) == 1:
+            loop.call_later(GATHER_S, self._hand_over)
+        return write.done
+
+    def wait_for_lock(self) -> bool:
+        """Wait a moment for another program's lock.
+
+        Only `work` calls it, on the thread of the writes.
+
+        Returns:
+            False if the write that is being made has waited long enough.
+        """
+        if self._is_ending or time.monotonic() >= self._deadline:
+            return False
+        self._is_locked = True
+        time.sleep(self._pause_s)
+        self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
+        return True
+
+    def _hand_over(self) -> None:
+        """Hand the writes of one turn of the event loop to the thread, together.
+
+        Waking the thread costs more than a write.
+        """
+        self._is_due = False
+        if self._gathered:
+            self._queue.put(self._gathered)
+            self._gathered = []
+
+    def _end(self) -> None:
+        """Take no further write, and let the thread end after those that were gathered.
+
+        Between two turns of the event loop nobody else gathers.
+        """
+        self._is_ending = True
+        self._hand_over()
+        self._queue.put(None)
+
+    def _run_thread(self) -> None:
+        """Make writes and commit them together, on the thread of the writes, until `stop`."""
+        waiting, batch, is_last = deque[_Write](), list[_Write](), False
+        try:
+            while waiting or not is_last:
+                if not waiting:
+                    is_last = self._receive(waiting)
+                    continue
+                while waiting and len(batch) < MOST_TOGETHER:
+                    batch.append(waiting.popleft())
+                    self._run_write(batch[-1])
+                    if not waiting and not is_last and not self._queue.empty():
+                        is_last = self._receive(
+                            waiting
+                        )  # they came meanwhile, and share the commit
+                self._commit_all(batch)
+                self._post_to_loop(self._answer, batch)
+                batch = []
+        except BaseException:
+            _log.exception("the thread that makes the writes has failed")
+            self.fault = BROKEN
+            with suppress(Exception):
+                self._roll_back()
+            self._post_to_loop(self._fail, [*batch, *waiting])
+
+    def _receive(self, waiting: deque[_Write]) -> bool:
+        """Wait for the writes of one turn of the event loop.
+
+        Returns:
+            Whether nothing comes after them.
+        """
+        writes = self._queue.get()
+        waiting.extend(writes or ())
+        return writes is None
+
+    def _run_write(self, write: _Write) -> None:
+        """Make a write, unless the event loop has refused it; it is not committed yet."""
+        if not write.claim.acquire(blocking=False):
+            return
+        self._deadline, self._pause_s = write.deadline, SHORTEST_PAUSE_S
+        try:
+            if time.monotonic() >= write.deadline:
+                raise WriteRefusedError(LOCKED if self._is_locked else NOT_BEGUN)
+            write.result = write.work()
+        except Exception as error:
+            write.error = error
+
+    def _commit_all(self, batch: Sequence[_Write]) -> None:
+        """Commit a batch; if that fails, every write of it has failed."""
+        try:
+            self._commit()
+        except Exception as error:
+            for write in batch:
+                if write.error is None and write.undone is not None:
+                    write.undone()
+                write.error = write.error or error
+        self._is_locked = False  # the next write looks for itself
+
+    def _post_to_loop(
+        self, on_loop: Callable[[Sequence[_Write]], None], batch: Sequence[_Write]
+    ) -> None:
+        """Call a function with a batch on the event loop."""
+        with suppress(RuntimeError):  # the event loop has ended, and nobody waits any more
+            self._loop.call_soon_threadsafe(on_loop, batch)
+
+    def _answer(self, batch: Sequence[_Write]) -> None:
+        """Hand each write's result or error to whoever waits for it."""
+        for write in batch:
+            self._waiting -= 1
+            if write.error is None and write.then is not None and not _is_refused(write):
+                try:
+                    write.then(write.result)
+                except Exception as error:
+                    _log.exception("what follows a write has failed")
+                    write.error = error
+            if write.done.done():
+                continue
+            if write.error is None:
+                write.done.set_result(write.result)
+            else:
+                write.done.set_exception(write.error)
+        self._drop_answered()
+
+    def _drop_answered(self) -> None:
+        """Forget the oldest writes as far as they are answered.
+
+        Answers come in order, so mostly none are left.
+        """
+        while self._unanswered and self._unanswered[0].done.done():
+            self._unanswered.popleft()
+
+    def _fail(self, batch: Sequence[_Write]) -> None:
+        """Fail a batch and all writes that wait, since the thread has ended."""
+        self._hand_over()
+        waiting = list(batch)
+        while not self._queue.empty():
+            waiting += self._queue.get() or ()
+        for write in waiting:
+            write.error = StoreError(BROKEN)
+        self._answer(waiting)
+
+    def _set_timer(self) -> None:
+        """Look at the oldest waiting write when it has waited for NOTICE_S.
+
+        One timer serves all writes.
+        """
+        due = self._unanswered[0].deadline - PATIENCE_S + NOTICE_S
+        self._timer = self._loop.call_at(due, self._look_at_waiting)
+
+    def _look_at_waiting(self) -> None:
+        self._timer = None
+        self._drop_answered()
+        late = self._loop.time() + PATIENCE_S - NOTICE_S
+        while self._unanswered and self._unanswered[0].deadline <= late:
+            self._notify_late(self._unanswered.popleft())
+            self._drop_answered()
+        if self._unanswered:
+            self._set_timer()
+
+    def _notify_late(self, write: _Write) -> None:
+        """Say why a write waits, and refuse it if it does not begin in time."""
+        self._loop.call_later(PATIENCE_S - NOTICE_S, self._refuse, write)
+        if write.notice is not None:
+            task = self._loop.create_task(_send(write.notice, WAITS if self._is_locked else SLOW))
+            self._notices.add(task)
+            task.add_done_callback(self._notices.discard)
+
+    def _refuse(self, write: _Write) -> None:
+        if not write.done.done() and write.claim.acquire(blocking=False):
+            write.done.set_exception(WriteRefusedError(LOCKED if self._is_locked else NOT_BEGUN))
+
+
+def _is_refused(write: _Write) -> bool:
+    return write.done.done() and not write.done.cancelled() and write.done.exception() is not None
+
+
+async def _send(notice: Notice, text: str) -> None:
+    await notice(text)

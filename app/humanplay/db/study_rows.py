@@ -129,9 +129,13 @@ class StageEventRow(NamedTuple):
         return StageEvent(self.at_ms, self.kind, json.loads(self.detail))
 
 
+LABEL_LENGTH = 8
+"""Characters of a participant's label."""
+
+
 def participant_label(participant_id: str) -> str:
     """The short label that a participant sees and can quote.
 
     Nobody can find the id from it.
     """
-    return hashlib.sha256(f"label|{participant_id}".encode()).hexdigest()[:8].upper()
+    return hashlib.sha256(f"label|{participant_id}".encode()).hexdigest()[:LABEL_LENGTH].upper()

@@ -45,6 +45,7 @@ class Trial:
         terrain_index: + Of its seed, within its phase.
         pause_share: + Share (0..1) of the time from first to last move that was paused or out of
             sight, if it was worked out.
+        touch_share: + Share (0..1) of the moves by key or touch that were made by touch, likewise.
         active_ms: + From the start to the last move without pauses and time out of sight, likewise.
         labels: + Of `humanplay.study.plausibility`, likewise.
     """
@@ -85,6 +86,7 @@ class Trial:
     trial: int = -1
     terrain_index: int = -1
     pause_share: float = 0.0
+    touch_share: float = 0.0
     active_ms: float = 0.0
     labels: tuple[str, ...] = ()
 

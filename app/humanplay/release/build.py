@@ -34,7 +34,7 @@ from humanplay.release.manifest import (
     BUNDLE_DATABASE,
     COUNTED_TABLES,
     ReleaseHeader,
-    Superseded,
+    SupersededRelease,
     write_manifest,
 )
 from humanplay.release.minari_data import MinariWriter, dataset_id
@@ -46,10 +46,10 @@ from humanplay.report.costs import (
     cost_cache,
     cost_rows,
     costs_of_people,
+    judged_trials,
     no_bar,
-    ranked_of_people,
+    reason_not_judged,
     study_estimator,
-    why_not_judged,
 )
 from humanplay.report.making import (
     REPORT_STEMS,
@@ -138,8 +138,8 @@ def request_of(
     )
 
 
-class Unique(NamedTuple):
-    """How many people in a release are the only ones with their answers.
+class UniquePeople(NamedTuple):
+    """How many people in a release are the only ones with their answers and language.
 
     Attributes:
         of: Of so many who answered.
@@ -163,7 +163,7 @@ class WrittenRelease:
     header: ReleaseHeader
     manifest_hash: str
     signer: str
-    unique: Unique
+    unique: UniquePeople
 
 
 def build_release(
@@ -219,19 +219,23 @@ def _released_answers(
     return ReleasedAnswers(to_json(counts), request.with_answers, request.with_free_text)
 
 
-def _unique(database: Path) -> Unique:
-    """Count the people in a release's database who are unique by their answers."""
+def _unique(database: Path) -> UniquePeople:
+    """Count the people in a release's database who are unique by what it says of them."""
+    people = (
+        "SELECT id, json_extract(settings, '$.language') FROM participants WHERE kind = 'human'"
+    )
     sql = """SELECT a.* FROM answers a JOIN participants p ON p.id = a.participant_id
         WHERE p.kind = 'human' ORDER BY block, turn, question, part"""
     answers = defaultdict[str, list[tuple[object, ...]]](list)
     with reading(database) as conn:
+        languages = dict(conn.execute(people))
         for row in rows(conn, sql):
             answer = AnswerRow(**row)
             content = (answer.block, answer.turn, answer.question, answer.part, answer.answer)
             answers[answer.participant_id].append(content)
         (texts,) = conn.execute("SELECT count(words) FROM free_texts").fetchone()
-    alike = Counter(tuple(contents) for contents in answers.values())
-    return Unique(sum(count == 1 for count in alike.values()), len(answers), texts)
+    alike = Counter((languages[ident], *contents) for ident, contents in answers.items())
+    return UniquePeople(sum(count == 1 for count in alike.values()), len(answers), texts)
 
 
 def _write_report(
@@ -265,10 +269,10 @@ def _write_report(
             report = make_report(reader, data, episodes, synthetic, bar, costs_by_group)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
-        if expert and request.with_report and False in played and why_not_judged(data) is None:
+        if expert and request.with_report and False in played and reason_not_judged(data) is None:
             estimator = study_estimator(data, cache)
             with bar("cost of each move") as advance:
-                costs = list(cost_rows(reader, data, ranked_of_people(data), estimator, advance))
+                costs = list(cost_rows(reader, data, judged_trials(data), estimator, advance))
             header = replace(header, expert_hash=data.policy_files.hashes.get(expert, ""))
     _write_derived(folder / BUNDLE_DATABASE, data, episodes, costs)
     return header
@@ -350,7 +354,7 @@ def _protocol(study: str, text: str) -> Protocol:
         ) from error
 
 
-def _superseded(last: ReleaseRow) -> Superseded:
+def _superseded(last: ReleaseRow) -> SupersededRelease:
     reason = FORGOTTEN_REASON if last.outdated_ms is not None else "a later release"
     return {"version": last.version, "manifest_sha256": last.manifest_hash, "reason": reason}
 
@@ -453,12 +457,13 @@ def _write_derived(
             conn.executemany(TABLES[name].insert("bundle database"), values)
 
 
-def _count_rows(answers: Sequence[AnswerCounts]) -> Iterator[tuple[str | int | None, ...]]:
+def _count_rows(answers: Sequence[AnswerCounts]) -> Iterator[tuple[str | float | None, ...]]:
     for counts in answers:
+        mean_and_sd = counts.mean, counts.sd
         for cell in counts.cells:
-            yield (*counts.key, counts.asked, cell.answers, cell.people)
+            yield (*counts.key, counts.asked, cell.answers, cell.people, *mean_and_sd)
         if counts.people is None:
-            yield (*counts.key, counts.asked, None, None)
+            yield (*counts.key, counts.asked, None, None, *mean_and_sd)
 
 
 def _lowest(data: StudyData, person: Person | None, trial: Trial) -> str | None:

@@ -70,7 +70,7 @@ def write_documents(
         without_moves: Episodes that Minari cannot hold.
     """
     _write_json(folder / "columns.json", dictionary(header.protocol.environment.about.columns))
-    _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
+    (folder / "protocol.json").write_bytes(canonical(header.protocol))
     has_report = (folder / "report.json").exists()
     for name, text in documents(header, minari, without_moves, has_report).items():
         (folder / name).write_text(text, encoding="utf-8")

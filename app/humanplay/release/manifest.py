@@ -37,7 +37,7 @@ COUNTED_TABLES = {
 }
 
 
-class Superseded(TypedDict):
+class SupersededRelease(TypedDict):
     """An earlier release, and why another one stands in for it."""
 
     version: int
@@ -75,7 +75,7 @@ class ReleaseHeader:
     version: int
     released: str
     software_version: str
-    supersedes: Superseded | None
+    supersedes: SupersededRelease | None
     authors: tuple[str, ...]
     url: str | None
     rows: dict[str, int] = field(default_factory=dict)

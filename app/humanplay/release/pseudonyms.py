@@ -1,4 +1,4 @@
-"""A study's rows written into an empty database, every participant, player and session under a new pseudonym.
+"""A study's rows with pseudonyms instead of ids, written into an empty database.
 
 Nothing is copied as a file. Identities, cookies' keys, completion codes and everything of other studies stay behind, and so
 do people who did not agree to the consent text, and episodes that were never finished.
@@ -11,7 +11,7 @@ import hmac
 import json
 import re
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -25,12 +25,13 @@ from humanplay.db.study_rows import Participant
 from humanplay.release.errors import ReleaseError
 from humanplay.study.flow import Arrivals, arrivals_of, with_invitations, with_noted
 from humanplay.study.invitations import Invitation
+from humanplay.study.language_counts import ANOTHER_LANGUAGE, count_languages
 
 _NOT_WITHIN_A_WORD = r"(?:(?<!\w)|(?!\w))"
 _LONG_ID = 5
 """Characters of an id from which on it is no part of a text by chance."""
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
-KEPT_SETTINGS = ("modality", "palette", "keys")
+KEPT_SETTINGS = ("modality", "palette", "keys", "language")
 _AGREED = "study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
 _PEOPLE = f"SELECT * FROM participants WHERE {_AGREED}"
 _OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
@@ -78,7 +79,7 @@ class ReleasedAnswers:
 
 
 class Pseudonyms:
-    """Pseudonyms made with one release's key; without the key nobody can find the id of a pseudonym."""
+    """Pseudonyms by a release's key, without which nobody can find a pseudonym's id."""
 
     def __init__(self, key: bytes) -> None:
         self._key = key
@@ -94,7 +95,7 @@ class Pseudonyms:
         return pseudonym
 
     def once(self, prefix: str, ident: str | None, table: str = "") -> str | None:
-        """Return the pseudonym of an id that stands nowhere else, so that no text is looked through for it; None for none."""
+        """The pseudonym of an id that occurs in no other text; None for None."""
         if ident is None:
             return None
         message = f"{table or prefix}|{ident}".encode()
@@ -110,7 +111,7 @@ def write_pseudonymized(
     arrivals: Arrivals,
     answers: ReleasedAnswers,
 ) -> dict[str, int]:
-    """Write the study's rows into a new database at `target`, with a chain of its own, in one file; return what was left out.
+    """Write a study's rows into a new database with a chain of its own.
 
     source  a connection that reads one moment
     key     of this release's pseudonyms; forget it afterwards
@@ -156,12 +157,13 @@ def _rows(
     for person in people:
         pseudonyms.of("participants", person.id)
     pseudonymizer = RowPseudonymizer(pseudonyms, _identities(source, study))
+    languages = _named_languages(people)
     for person in people:
         invitation = pseudonyms.once("I", person.invitation)
         yield (
             "participants",
             pseudonymizer.row(
-                "participants", {**_without_traces(person), "invitation": invitation}
+                "participants", {**_without_traces(person, languages), "invitation": invitation}
             ),
         )
     for table, sql in _SELECTS.items():
@@ -170,15 +172,37 @@ def _rows(
         for row in stream(source, sql, study):
             if table == "free_texts":
                 row["words"] = pseudonymizer.masked(row["words"])
+            if table == "stage_events" and row["kind"] == "settings":
+                row["detail"] = _without_language(row["detail"])
             yield table, pseudonymizer.row(table, row)
 
 
-def _without_traces(person: Participant) -> Row:
-    """A participant's row without the completion code, and with no settings but covariates."""
+def _without_traces(person: Participant, languages: Container[str]) -> Row:
+    """A participant's row without completion code and without settings but covariates.
+
+    Args:
+        languages: Those that are released.
+    """
     settings = json.loads(person.settings)
     covariates = {name: settings[name] for name in KEPT_SETTINGS if name in settings}
+    if covariates.get("language") not in languages:
+        covariates.pop("language", None)
     text = json.dumps(covariates, sort_keys=True)
     return {**vars(person), "completion_code": None, "settings": text}
+
+
+def _named_languages(people: Iterable[Participant]) -> Container[str]:
+    """The languages that nobody stands nearly alone with."""
+    humans = (person for person in people if person.kind == "human")
+    read = count_languages(json.loads(person.settings).get("language") for person in humans)
+    return read.keys() - {ANOTHER_LANGUAGE}
+
+
+def _without_language(detail: str) -> str:
+    """A change of settings without the language, which the participant's row has."""
+    settings = json.loads(detail)
+    settings.pop("language", None)
+    return json.dumps(settings, sort_keys=True)
 
 
 def _players_and_sessions(
@@ -202,7 +226,7 @@ def _players_and_sessions(
 
 
 class RowPseudonymizer:
-    """Replaces every id in a row by its pseudonym, in the columns for ids and inside free text."""
+    """Replaces every id in a row by its pseudonym, inside free text too."""
 
     def __init__(self, pseudonyms: Pseudonyms, identities: Mapping[str, str]) -> None:
         self._pseudonyms = pseudonyms
@@ -291,7 +315,7 @@ def _identities(source: sqlite3.Connection, study: str) -> dict[str, str]:
 
 
 def _left_out(source: sqlite3.Connection, study: str) -> dict[str, int]:
-    """Return how many unfinished episodes, and people who did not consent, a release does not hold."""
+    """How many unfinished episodes, and people without consent, a release leaves out."""
     sql = f"""SELECT (SELECT count(*) FROM series_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODE_IDS})),
         (SELECT count(*) FROM participants WHERE study = ? AND consent_ms IS NULL)"""
     counts = source.execute(sql, (study, study, study)).fetchone()
@@ -328,6 +352,6 @@ def count_arrivals(
 
 
 def _arrivals_row(study: str, arrivals: Arrivals) -> dict[str, str]:
-    """Return the row of the table `meta` that holds a study's arrivals; the erased have rows of their own there."""
+    """The row of `meta` that holds a study's arrivals, without erased people."""
     counts = {name: n for name, n in asdict(arrivals).items() if not name.startswith("erased")}
     return {"name": f"{ARRIVALS}|{study}", "value": json.dumps(counts, sort_keys=True)}

@@ -38,6 +38,8 @@ SELECT
   )) - p.consent_ms) / 60000.0 AS minutes,
   json_extract(p.settings, '$.modality') AS modality,
   json_extract(p.settings, '$.palette') AS palette,
+  CASE WHEN json_array_length(y.protocol, '$.languages') > 1 THEN json_extract(p.settings, '$.language')
+    ELSE coalesce(json_extract(y.protocol, '$.languages[0]'), 'en') END AS language,
   1 + (SELECT count(*) FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'moved') AS devices,
   (SELECT count(*) FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'answers') AS attempts,
   (SELECT json_group_array(json(a.answers)) FROM (
@@ -169,7 +171,7 @@ FROM free_texts
 ORDER BY participant_id, block, turn, question;
 
 -- table: answer_counts
-SELECT block, turn, question, part, asked, answers, people
+SELECT block, turn, question, part, asked, answers, people, mean, sd
 FROM answer_counts
 ORDER BY place;
 

@@ -24,8 +24,8 @@ from humanplay.report.costs import (
     ProgressBar,
     cost_rows,
     costs_of_people,
+    judged_trials,
     no_bar,
-    ranked_of_people,
     study_estimator,
 )
 from humanplay.report.making import REPORT_STEMS, has_played, make_report, play_compared
@@ -191,7 +191,7 @@ class _Derivation:
         except PolicyError as error:
             self._reproduction.not_compared.append(f"cost of moves: {error}")
             return False
-        ranked = ranked_of_people(data)
+        ranked = judged_trials(data)
         with self._bar("cost of each move") as advance:
             rows = cost_rows(reader, data, ranked, study_estimator(data, cache), advance)
             derived = {(row.episode, row.step): row for row in rows}

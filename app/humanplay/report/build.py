@@ -17,7 +17,7 @@ import numpy as np
 
 from humanplay.report.cautions import cautions, deviations, study_deviations
 from humanplay.report.checklist import checklist, exposure
-from humanplay.report.costs import CostSummary, renamed, why_not_judged
+from humanplay.report.costs import CostSummary, reason_not_judged, with_player_names
 from humanplay.report.model import (
     SYNTHETIC,
     GroupReport,
@@ -63,6 +63,7 @@ from humanplay.report.statistics.study_figures import (
 from humanplay.report.statistics.summaries import Pictures
 from humanplay.study.data import StudyData
 from humanplay.study.flow import Status, participant_flow
+from humanplay.study.language_counts import ANOTHER_LANGUAGE, count_languages
 from humanplay.study.policy_episodes import tested_policies
 from humanplay.study.protocol import Protocol
 from marsexplorer.intervals import Floats
@@ -178,6 +179,7 @@ def _group(
         first_attempts=first_attempts(cohort) if is_human else None,
         exposure=exposure(data) if is_human else None,
         answers=data.answers if is_human else (),
+        languages=_languages(data, cohort) if is_human and data.shows_people else {},
         flow=participant_flow(data.arrivals, by_person.values()) if is_human else None,
         attestation=attestation_summary(data) if is_human else None,
         repeated=dict(Counter(sign for person in cohort.people for sign in person.repeated)),
@@ -192,8 +194,8 @@ def _with_costs(
     people = members(everybody_of(data, cohort).cohort, {})
     names = {person: f"P{number:02d}" for number, person in enumerate(people, 1)}
     summary = costs.get(cohort.name)
-    shown = None if summary is None else renamed(summary, names)
-    reason = None if data.protocol.environment.courses is None else why_not_judged(data)
+    shown = None if summary is None else with_player_names(summary, names)
+    reason = None if data.protocol.environment.courses is None else reason_not_judged(data)
     named = replace(group, costs=shown, no_costs=reason)
     return replace(named, cautions=cautions(data, named))
 
@@ -211,6 +213,17 @@ def _left(data: StudyData, cohort: Cohort) -> int:
     is_closed = data.closed_ms is not None
     people = cohort.people
     return sum(p.stage == "withdrawn" or (is_closed and p.completed_ms is None) for p in people)
+
+
+def _languages(data: StudyData, cohort: Cohort) -> dict[str, int]:
+    """How many who agreed read each of the protocol's languages, rare ones joined."""
+    first, *others = data.protocol.languages
+    agreed = [person for person in cohort.people if person.consent_version is not None]
+    if not others:
+        return {first: len(agreed)}
+    people = count_languages(person.settings.get("language") for person in agreed)
+    named = [*data.protocol.languages, ANOTHER_LANGUAGE]
+    return {language: people[language] for language in named if language in people}
 
 
 def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName) -> Metric:

@@ -30,6 +30,7 @@ from humanplay.report.statistics.study_figures import (
 from humanplay.study.data import StudyData
 from humanplay.study.flow import Status
 from humanplay.study.policy_episodes import tested_policies
+from humanplay.study.practice import criterion
 from humanplay.study.protocol import Protocol
 from humanplay.study.questions import Item as AskedItem
 from humanplay.task import Environment
@@ -129,6 +130,8 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "hash": data.protocol_hash[:16],
         "recruitment": RECRUITMENT[protocol.recruitment],
         "questions": counted(protocol.question_count, "question"),
+        **_language_texts(protocol, people),
+        **_screening(protocol),
         "exposure": people.exposure,
         **_turned_away(data, people),
         **_answers(data, people),
@@ -167,6 +170,36 @@ def _texts(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     }
 
 
+def _language_texts(protocol: Protocol, people: GroupReport) -> dict[str, str]:
+    """In which languages people read the study, and who translated it."""
+    sentences = []
+    if len(protocol.languages) > 1 and people.languages:
+        readers = [f"{count} read it in {name}" for name, count in people.languages.items()]
+        sentences.append(f"Of the people who agreed to the study, {', '.join(readers)}.")
+    if protocol.translated_by:
+        sentences.append(f"Translated by: {protocol.translated_by}.")
+        sentences.append(f"Checked by: {protocol.checked_by}.")
+    return {
+        "languages": ", ".join(protocol.languages),
+        "languages_detail": " ".join(sentences) or "Everybody reads the study in this language.",
+    }
+
+
+def _screening(protocol: Protocol) -> dict[str, str]:
+    """By what the study itself admits people to the ranked episodes."""
+    tries, limit = protocol.question_tries, protocol.attention_limit
+    sentences = [f"Participants read: “{text}”"] if (text := criterion(protocol)) else []
+    if limit is not None:
+        checks = counted(limit, "attention check")
+        sentences.append(
+            f"Whoever misses more than {checks} before the ranked episodes is screened out."
+        )
+    return {
+        "attempts": "" if tries is None else f", in at most {counted(tries, 'attempt')}",
+        "screening": "".join(f" {sentence}" for sentence in sentences),
+    }
+
+
 def _turned_away(data: StudyData, people: GroupReport) -> dict[str, object]:
     """Whom the study itself turned away before a ranked episode."""
     assert people.flow is not None
@@ -178,7 +211,7 @@ def _turned_away(data: StudyData, people: GroupReport) -> dict[str, object]:
         (Status.FAILED_QUESTIONS, "failed the questions on the instructions"),
     ]
     practice = data.protocol.practice
-    if practice is not None and practice.then == "screen_out":
+    if practice is not None and practice.if_failed == "screen_out":
         reasons.append((Status.FAILED_PRACTICE, "failed the practice"))
     if data.protocol.attention_limit is not None:
         reasons.append((Status.FAILED_ATTENTION, "missed too many attention checks"))
@@ -195,8 +228,10 @@ def _turned_away(data: StudyData, people: GroupReport) -> dict[str, object]:
 def _answers(data: StudyData, people: GroupReport) -> dict[str, str]:
     """What people answered, for the items that questions can fill."""
     counts = {item: _counts_for(data, people, item) for item in get_args(AskedItem)}
+    is_sentence = data.protocol.declarations.demographics.rstrip().endswith((".", "!", "?"))
+    end = "" if is_sentence else "."
     return {
-        "demographics_answers": f" {counts['demographics']}".rstrip(),
+        "demographics_answers": f"{end} {counts['demographics']}" if counts["demographics"] else "",
         "exposure_asked": "Asked" if counts["exposure"] else "Unknown",
         "exposure_answers": f" {counts['exposure']}".rstrip(),
         "tools_asked": "Asked" if counts["tools"] else "Unknown/Unreported",
@@ -261,7 +296,7 @@ def _power(data: StudyData) -> dict[str, str]:
         "power": "Yes",
         "power_source": "protocol",
         "power_details": f"{counted(protocol.players, 'player')}. {power_in_words(protocol)} {assumptions_in_words(protocol)}",
-        "effect": "None" if planned.lower is None else "Named",
+        "effect": "None" if planned.deciding_power is None else "Named",
         "effect_details": _effect(protocol),
     }
 

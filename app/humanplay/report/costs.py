@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,14 +46,14 @@ def no_bar(name: str) -> Iterator[Progress]:
 class CostRow:
     """One move of an episode and its cost.
 
-    An episode that ended without a move has one more row, so that its costs add up as all others'
-    do.
+    If an episode ended without a move, as by giving up, a last row holds what that cost. So the
+    rows of every episode add up to its cost.
 
     Attributes:
-        step: From 0.
-        action, expert_action: In words; `action` is None in the row of an end without a move.
+        step: The number of the move, from 0.
+        action, expert_action: In words; `action` is None in a last row without a move.
         cost: In moves.
-        kind: Of mistake; None if the move is none.
+        kind: The kind of mistake; None if the move is no mistake.
     """
 
     episode: str
@@ -69,8 +69,8 @@ class PlayerCosts:
     """One player's mean cost per episode, in moves.
 
     Attributes:
-        mean: How many more moves it counts than the expert's.
-        by_kind, gained: The parts of that.
+        mean: How many more moves an episode counts than the expert's on the same terrain.
+        by_kind, gained: The parts of `mean`, as in `CostSummary`.
     """
 
     player: str
@@ -82,12 +82,12 @@ class PlayerCosts:
 
 @dataclass(frozen=True)
 class CostPart:
-    """All cost or a part of it, in moves an episode.
+    """The whole cost or a part of it, in moves an episode.
 
     Attributes:
-        mean: Of players' means.
+        mean: Of the players' means.
         interval: At 95 %, for other players and, unless the protocol fixes the terrains, for other
-            terrains; None without a spread and below five players.
+            terrains; None below five players, or if all have the same cost.
     """
 
     mean: float
@@ -100,15 +100,15 @@ class CostSummary:
 
     Attributes:
         counts: Moves that an episode counts, the mean over players.
-        expert_moves: Of the expert's own episodes on the same terrains, likewise.
-        total: The difference of the two.
-        by_kind: Of mistakes, and `ended early` with what giving up cost.
-        gained: Below 0: of the moves outside all mistakes; with `by_kind` it adds up to
-            `total`.
-        by_tenth: Of the moves made at 0-10 %, 10-20 %, ... of the way.
-        without_move: What ends without a move, such as giving up, cost; with `by_tenth` it adds
-            up to `total`.
-        policy: That is the expert.
+        expert_moves: Moves of the expert's episodes on the same terrains, the mean over players.
+        total: `counts` less `expert_moves`.
+        by_kind: The cost of mistakes by kind; giving up is the kind `ended early`.
+        gained: The cost of all moves that are no mistake, at most 0.
+        by_tenth: The cost of the moves made at 0-10 %, 10-20 %, ... of the way.
+        without_move: The cost of ends without a move, such as giving up.
+        policy: The name of the expert's policy.
+
+    `by_kind` and `gained` add up to `total`, and so do `by_tenth` and `without_move`.
     """
 
     phase: str
@@ -130,12 +130,12 @@ def cost_cache(database: Path) -> Path:
 
 
 def forget_costs(database: Path) -> None:
-    """Delete the folder in which costs are stored; they can be worked out again."""
+    """Delete the folder in which costs are stored; they can be computed again."""
     shutil.rmtree(cost_cache(database), ignore_errors=True)
 
 
-def why_not_judged(data: StudyData) -> str | None:
-    """The sentence that says why no move of a study is judged; None if moves are."""
+def reason_not_judged(data: StudyData) -> str | None:
+    """Why no move of a study can be judged, in a sentence; None if they can."""
     environment = data.protocol.environment
     if environment.courses is None or environment.expert is None:
         return f"the moves of {environment.about.title} are not judged"
@@ -148,7 +148,7 @@ def why_not_judged(data: StudyData) -> str | None:
 
 
 def study_estimator(data: StudyData, cache: Path | None) -> CostEstimator:
-    """What works out a study's costs, by the expert's file of the freezing.
+    """The estimator of a study's costs, with the expert's file of the freezing.
 
     Args:
         cache: The folder in which costs are stored; None stores nothing.
@@ -167,7 +167,7 @@ def trial_costs(
     """Yield the costs of each finished trial that this core version can replay.
 
     Args:
-        progress: Called with (episodes done, episodes in all).
+        progress: Is called with how many episodes are done, and of how many.
 
     Raises:
         StudyError: If a trial is a ranked one of an open study.
@@ -193,43 +193,50 @@ def cost_rows(
     progress: Progress | None = None,
 ) -> Iterator[CostRow]:
     """Yield every move of the trials with its cost (`trial_costs`), for a table."""
+    courses, _ = _courses(data)
     names = data.protocol.environment.actions
     for trial, _, costs in trial_costs(reader, data, trials, estimator, progress):
-        moves = zip(costs.actions, costs.costs, costs.advice.actions, costs.kinds, strict=False)
+        advised = [names[action] for action in costs.advice.actions]
+        moves = zip(costs.actions, costs.costs, advised, costs.kinds, strict=False)
         for step, (action, cost, expert_action, kind) in enumerate(moves):
             words = None if kind is None else str(kind)
-            yield CostRow(trial.id, step, names[action], int(cost), names[expert_action], words)
-        if len(costs.advice.actions) > (last := len(costs.actions)):
-            kind = _courses(data)[0].ended_early if costs.given_up else None
-            expert_action = names[costs.advice.actions[last]]
-            yield CostRow(trial.id, last, None, costs.given_up, expert_action, kind and str(kind))
+            yield CostRow(trial.id, step, names[action], int(cost), expert_action, words)
+        # the expert is asked once more where the player ended without a move
+        last = len(costs.actions)
+        if len(advised) > last:
+            words = str(courses.ended_early) if costs.without_move else None
+            yield CostRow(trial.id, last, None, costs.without_move, advised[last], words)
 
 
 def costs_of_study(
     reader: Reader, data: StudyData, progress: Progress | None = None
 ) -> tuple[CostSummary, list[dict[str, Any]]]:
-    """The costs of everybody who played, under pseudonyms.
+    """The costs of a study's people, under pseudonyms.
+
+    They are those of the ranked episodes if the study is closed, else of the warm-up.
 
     Returns:
-        The summary, and every move as a dictionary.
+        The summary, and every move as the fields of a `CostRow` with its `player`.
 
     Raises:
         ValueError: If no move is judged, or nobody's finished episode can be shown yet.
     """
-    if (reason := why_not_judged(data)) is not None:
+    if (reason := reason_not_judged(data)) is not None:
         raise ValueError(reason)
     cohort, estimator = people_of(data), study_estimator(data, cost_cache(reader.path))
-    is_closed = data.closed_ms is not None
-    practised = sorted(id for id, trials in cohort.warm_up.items() if trials)
-    ids = members(cohort, {}) if is_closed else practised
-    summary = summarize_costs(reader, data, cohort, ids, estimator, progress)
+    if data.closed_ms is None:
+        trials = cohort.warm_up
+        people = sorted(person for person in trials if trials[person])
+    else:
+        trials = cohort.ranked
+        people = list(members(cohort, {}))
+    summary = summarize_costs(reader, data, cohort, people, estimator, progress)
     if summary is None:
         raise ValueError(f"nobody's finished episode of {data.protocol.name!r} can be shown yet")
-    names = {person: f"P{number:02d}" for number, person in enumerate(ids, 1)}
-    trials = cohort.ranked if is_closed else cohort.warm_up
+    names = {person: f"P{number:02d}" for number, person in enumerate(people, 1)}
     rows = [
         {"player": names[person], **asdict(row)}
-        for person in ids
+        for person in people
         for row in cost_rows(reader, data, unspoilt(trials[person]), estimator)
     ]
     players = tuple(replace(player, player=names[player.player]) for player in summary.by_player)
@@ -244,69 +251,99 @@ def summarize_costs(
     estimator: CostEstimator,
     progress: Progress | None = None,
 ) -> CostSummary | None:
-    """What the moves of some players of a cohort cost.
+    """The cost of the moves of some players of a cohort; None if they have no episode.
 
-    They are those of ranked episodes of a closed study, else of the warm-up; spoilt episodes are
-    left out.
+    It is that of the ranked episodes if the study is closed, else of the warm-up. Spoilt episodes
+    are left out.
 
-    Returns:
-        None if no episode is left.
+    Args:
+        ids: Of the players.
     """
     phase = "warm_up" if data.closed_ms is None else "ranked"
     by_player = cohort.warm_up if data.closed_ms is None else cohort.ranked
     trials = [trial for player in ids for trial in unspoilt(by_player[player])]
     episodes: dict[str, dict[int, EpisodeCosts]] = defaultdict(dict)
-    terrains: dict[int, None] = {}
     for trial, _, costs in trial_costs(reader, data, trials, estimator, progress):
         episodes[trial.participant][trial.terrain_index] = costs
-        terrains[trial.terrain_index] = None
     if not episodes:
         return None
     courses, expert = _courses(data)
     kinds = courses.kinds
-    gap = [np.nan] * (5 + len(kinds) + 10)
-    table = [
-        [_amounts(played[terrain], kinds) if terrain in played else gap for terrain in terrains]
-        for played in episodes.values()
-    ]
-    cells = np.array(table, np.float64)
-    counts, expert_moves = (float(player_means(cells[..., at]).mean()) for at in range(2))
+    tables = _tables(episodes, kinds)
     drawn = data.protocol.terrains_drawn
-    total, without_move, gained, *parts = (
-        _part(cells[..., at], drawn) for at in range(2, len(gap))
-    )
     return CostSummary(
         phase=phase,
         episodes=sum(map(len, episodes.values())),
-        counts=counts,
-        expert_moves=expert_moves,
-        total=total,
-        by_kind=dict(zip(map(str, kinds), parts, strict=False)),
-        gained=gained,
-        by_tenth=tuple(parts[-10:]),
-        without_move=without_move,
+        counts=float(player_means(tables.counts).mean()),
+        expert_moves=float(player_means(tables.expert_moves).mean()),
+        total=_cost_part(tables.total, drawn),
+        by_kind={str(kind): _cost_part(tables.by_kind[kind], drawn) for kind in kinds},
+        gained=_cost_part(tables.gained, drawn),
+        by_tenth=tuple(_cost_part(table, drawn) for table in tables.by_tenth),
+        without_move=_cost_part(tables.without_move, drawn),
         policy=expert,
         by_player=tuple(
-            _player(player, list(played.values()), kinds) for player, played in episodes.items()
+            _player_costs(player, list(by_terrain.values()), kinds)
+            for player, by_terrain in episodes.items()
         ),
     )
 
 
-def _amounts(costs: EpisodeCosts, kinds: Sequence[str]) -> list[float]:
-    """An episode's numbers for `CostSummary`: two lengths, the difference, its parts."""
-    lengths = (costs.counts, costs.expert_moves, costs.total, costs.given_up, costs.gained)
-    return [*lengths, *(costs.by_kind()[kind] for kind in kinds), *costs.by_tenth()]
+class _Tables(NamedTuple):
+    """The amounts of `CostSummary`: float64[players, terrains], NaN for a gap."""
+
+    counts: Floats
+    expert_moves: Floats
+    total: Floats
+    gained: Floats
+    without_move: Floats
+    by_kind: Mapping[str, Floats]
+    by_tenth: Sequence[Floats]
 
 
-def _part(table: Floats, terrains_drawn: bool) -> CostPart:
-    """A part of the cost from float64[players, terrains], NaN for a gap."""
+def _tables(episodes: Mapping[str, Mapping[int, EpisodeCosts]], kinds: Sequence[str]) -> _Tables:
+    """The amounts of each player's episode on each terrain.
+
+    Args:
+        episodes: Player -> index of the terrain -> the costs of the episode.
+    """
+    indices = (index for by_terrain in episodes.values() for index in by_terrain)
+    terrains = list(dict.fromkeys(indices))
+    gaps = np.full((len(episodes), len(terrains)), np.nan)
+    tables = _Tables(
+        counts=gaps.copy(),
+        expert_moves=gaps.copy(),
+        total=gaps.copy(),
+        gained=gaps.copy(),
+        without_move=gaps.copy(),
+        by_kind={kind: gaps.copy() for kind in kinds},
+        by_tenth=[gaps.copy() for _ in range(10)],
+    )
+    for row, by_terrain in enumerate(episodes.values()):
+        for index, costs in by_terrain.items():
+            cell = row, terrains.index(index)
+            tables.counts[cell] = costs.counts
+            tables.expert_moves[cell] = costs.expert_moves
+            tables.total[cell] = costs.total
+            tables.gained[cell] = costs.gained
+            tables.without_move[cell] = costs.without_move
+            by_kind = costs.by_kind()
+            for kind, table in tables.by_kind.items():
+                table[cell] = by_kind[kind]
+            for table, cost in zip(tables.by_tenth, costs.by_tenth(), strict=True):
+                table[cell] = cost
+    return tables
+
+
+def _cost_part(table: Floats, terrains_drawn: bool) -> CostPart:
+    """The mean and the interval of a table: float64[players, terrains], NaN for a gap."""
     low, high = map(float, interval(table, None, terrains_drawn))
-    ends = None if math.isnan(low) or low == high else (low, high)
-    return CostPart(float(player_means(table).mean()), ends)
+    has_spread = not math.isnan(low) and low < high
+    return CostPart(float(player_means(table).mean()), (low, high) if has_spread else None)
 
 
 def _courses(data: StudyData) -> tuple[Courses, str]:
-    """What prices the moves of a study, and the expert's name.
+    """The courses that judge a study's moves, and the expert's name.
 
     Raises:
         ValueError: If its moves are not judged.
@@ -317,14 +354,16 @@ def _courses(data: StudyData) -> tuple[Courses, str]:
     return environment.courses, environment.expert
 
 
-def _player(player: str, episodes: Sequence[EpisodeCosts], kinds: Sequence[str]) -> PlayerCosts:
-    by_kind = [costs.by_kind() for costs in episodes]
+def _player_costs(
+    player: str, episodes: Sequence[EpisodeCosts], kinds: Sequence[str]
+) -> PlayerCosts:
+    kind_costs = [costs.by_kind() for costs in episodes]
     return PlayerCosts(
         player=player,
         episodes=len(episodes),
         mean=float(np.mean([costs.total for costs in episodes])),
         by_kind={
-            str(kind): float(np.mean([episode[kind] for episode in by_kind])) for kind in kinds
+            str(kind): float(np.mean([by_kind[kind] for by_kind in kind_costs])) for kind in kinds
         },
         gained=float(np.mean([costs.gained for costs in episodes])),
     )
@@ -333,14 +372,14 @@ def _player(player: str, episodes: Sequence[EpisodeCosts], kinds: Sequence[str])
 def costs_of_people(
     reader: Reader, data: StudyData, progress: ProgressBar, cache: Path | None
 ) -> dict[str, CostSummary]:
-    """The costs of a closed study's people per protocol, by the group's name.
+    """Name of the group -> the costs of its per-protocol people.
 
     Empty if the study is open or its moves are not judged.
 
     Args:
         cache: The folder in which costs are stored; None stores nothing.
     """
-    if data.closed_ms is None or why_not_judged(data) is not None:
+    if data.closed_ms is None or reason_not_judged(data) is not None:
         return {}
     cohort, estimator = people_of(data), study_estimator(data, cache)
     with progress("cost of each move") as advance:
@@ -349,15 +388,12 @@ def costs_of_people(
     return {} if summary is None else {cohort.name: summary}
 
 
-def ranked_of_people(data: StudyData) -> list[Trial]:
-    """The trials whose moves a release judges.
-
-    A program's are judged only if that is asked for.
-    """
+def judged_trials(data: StudyData) -> list[Trial]:
+    """The trials whose moves a release judges: people's ranked ones."""
     return [trial for trial in data.trials if trial.phase == "ranked" and trial.kind == "human"]
 
 
-def renamed(summary: CostSummary, names: Mapping[str, str]) -> CostSummary:
-    """The same summary with the players' ids replaced by names."""
+def with_player_names(summary: CostSummary, names: Mapping[str, str]) -> CostSummary:
+    """The summary with names in place of the players' IDs, sorted by them."""
     players = (replace(player, player=names[player.player]) for player in summary.by_player)
     return replace(summary, by_player=tuple(sorted(players, key=lambda player: player.player)))

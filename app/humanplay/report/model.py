@@ -104,6 +104,8 @@ class GroupReport:
     no_costs    why no move of the study is judged, a sentence; None where moves are
     first_attempts   as ARC-AGI-3 counts them; None for scripts
     exposure    who met which ranked terrains when, a sentence; None for scripts
+    languages   people who agreed, by the language that they read, those of few people joined; empty for scripts, for an
+                open study and where all are joined
     flow        of the people through the study; None for scripts
     attestation what the server could attest; None for scripts
     repeated    people who show a sign of taking part more than once, by sign
@@ -134,6 +136,7 @@ class GroupReport:
     first_attempts: FirstAttempts | None = None
     exposure: str | None = None
     answers: tuple[AnswerCounts, ...] = ()
+    languages: dict[str, int] = field(default_factory=dict)
     flow: ParticipantFlow | None = None
     attestation: AttestationSummary | None = None
     repeated: dict[str, int] = field(default_factory=dict)

@@ -1,16 +1,17 @@
-"""The report as HTML: a page, its methods and its checklist, with styles and charts inside, and no
-script.
+"""The report as HTML: a page, its methods and its checklist.
 
-The templates in `templates/` escape everything but the style and the charts.
+Each has its styles and charts inside, and no script. The templates in `templates/` escape everything
+but the style and the charts.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from datetime import datetime
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from jinja2 import Environment
 
@@ -27,55 +28,68 @@ from humanplay.report.tables import (
     group_tables,
     large_numbers,
 )
+from humanplay.study.answer_counts import FEWEST, FEWEST_FOR_MEAN
 from humanplay.task.registration import environment_of
 
 FOLDER = Path(__file__).parent
 
 
-def _where(protocol: Mapping[str, Any]) -> tuple[str, str]:
-    """Return what was played, beginning a sentence, and what was seen of it."""
-    environment = environment_of(protocol["task"])
-    config = environment.configuration(protocol["config"])
-    texts = environment.texts(config)
-    return texts.setting[0].upper() + texts.setting[1:], texts.observations
+class Section(NamedTuple):
+    """A group of players as the page shows it.
+
+    Attributes:
+        tables, charts: By name, for the template.
+        has_interval: Whether the headline prints an interval.
+    """
+
+    group: GroupReport
+    tables: dict[str, PageTable | None]
+    charts: dict[str, dict[str, str]]
+    has_interval: bool
 
 
-def render(report: Report, page: str = "report.html") -> str:
-    """The page that is read first; `pages` has the files that it links to."""
-    return _page(report, "page", file_names(report, page))
+def render(report: Report, file_name: str = "report.html") -> str:
+    """The page that is read first, which links to the files of `pages`."""
+    return _render_part(report, "page", file_names(report, file_name))
 
 
-def pages(report: Report, page: str = "report.html") -> dict[str, str]:
-    """The report's page under this file name, its methods and its checklist, by file name."""
-    names = file_names(report, page)
-    return {name: _page(report, part, names) for part, name in names.items()}
+def pages(report: Report, file_name: str = "report.html") -> dict[str, str]:
+    """File name -> the text of the page, of its methods and of its checklist."""
+    names = file_names(report, file_name)
+    return {name: _render_part(report, part, names) for part, name in names.items()}
 
 
-def file_names(report: Report, page: str) -> dict[str, str]:
-    """The files of a report by part; a report of scripts has no checklist."""
-    path = Path(page)
-    names = {"page": page, "methods": f"{path.stem}-methods{path.suffix}"}
+def file_names(report: Report, file_name: str) -> dict[str, str]:
+    """Part of a report -> its file name. A report of scripts has no checklist.
+
+    Args:
+        file_name: The name of the page that is read first.
+    """
+    path = Path(file_name)
+    names = {"page": file_name, "methods": f"{path.stem}-methods{path.suffix}"}
     if report.checklist:
         names["checklist"] = f"{path.stem}-checklist{path.suffix}"
     return names
 
 
-def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
-    where, sees = _where(report.protocol)
-    about = environment_of(report.protocol["task"]).about
+def _render_part(report: Report, part: str, names: Mapping[str, str]) -> str:
+    played = environment_of(report.protocol["task"])
+    texts = played.texts(played.configuration(report.protocol["config"]))
     return (
-        _environment()
+        _jinja()
         .get_template(f"{part}.html.j2")
         .render(
             report=report,
             links=names,
-            where=where,
-            sees=sees,
-            words=about.words,
-            references=about.references,
+            where=texts.setting[0].upper() + texts.setting[1:],
+            sees=texts.observations,
+            words=played.about.words,
+            references=played.about.references,
             level=LEVELS_IN_WORDS[report.protocol["required_attestation"]],
             recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,
+            fewest=FEWEST,
+            fewest_for_mean=FEWEST_FOR_MEAN,
             large_numbers=partial(large_numbers, report),
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),
             left_out=0 if report.synthetic else sum(report.scripts.values()),
@@ -95,27 +109,39 @@ def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
     )
 
 
-def _sections(
-    report: Report,
-) -> Iterator[tuple[GroupReport, dict[str, PageTable | None], dict[str, dict[str, str]], bool]]:
-    """Yield each script of a synthetic report, else the people if anybody has begun to play: the
-    group, its tables, its charts, and whether the headline prints an interval."""
+def _sections(report: Report) -> Iterator[Section]:
+    """The sections of the page.
+
+    A section for each script of a synthetic report; else one for the people, if anybody has begun
+    to play.
+    """
     for group in report.groups:
-        if report.synthetic or group.everybody.players or group.started:
-            figures = group.figure, group.everybody
-            both = [each for figure in figures for each in (figure.score, figure.steps)]
-            estimates = [each for each in both if each is not None]
-            has_interval = any(each.interval is not None for each in estimates)
-            yield group, group_tables(report, group), charts(report, group), has_interval
+        if not (report.synthetic or group.everybody.players or group.started):
+            continue
+        estimates = [
+            estimate
+            for figure in (group.figure, group.everybody)
+            for estimate in (figure.score, figure.steps)
+            if estimate is not None
+        ]
+        has_interval = any(estimate.interval is not None for estimate in estimates)
+        yield Section(group, group_tables(report, group), charts(report, group), has_interval)
 
 
 @cache
-def _environment() -> Environment:
-    environment = templates(FOLDER / "templates", is_html=True)
-    environment.filters["counts"] = _counts
-    return environment
+def _jinja() -> Environment:
+    jinja = templates(FOLDER / "templates", is_html=True)
+    jinja.filters["counts"] = _counts
+    jinja.filters["as_day"] = _day
+    return jinja
+
+
+def _day(time: str) -> str:
+    """Return the day of an ISO 8601 time, "1 January 2026"."""
+    date = datetime.fromisoformat(time)
+    return f"{date.day} {date:%B %Y}"
 
 
 def _counts(pairs: Iterable[tuple[str, int]]) -> str:
-    """Return (name, count) pairs as a list in words, "none" for no pairs."""
+    """Pairs of a name and its count as a list in words; "none" if there are no pairs."""
     return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in pairs) or "none"

@@ -16,12 +16,13 @@ from humanplay.report.statistics.formatting import templates, utc
 from humanplay.report.statistics.intervals import INTERVAL_IN_WORDS
 from humanplay.report.statistics.planning import assumptions_in_words, power_in_words
 from humanplay.report.statistics.study_figures import EVERYBODY_RULE
+from humanplay.study.exclusion_rules import PER_PROTOCOL
 from humanplay.study.folder import Study
 from humanplay.study.places import cap_in_words
 from humanplay.study.plausibility import labels_of
 from humanplay.study.policy_episodes import tested_policies
 from humanplay.study.practice import criterion
-from humanplay.study.protocol import PER_PROTOCOL, Protocol
+from humanplay.study.protocol import Protocol
 from humanplay.study.questions import POSITIONS, in_order
 
 RECRUITMENT = {

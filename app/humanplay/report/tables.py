@@ -6,7 +6,7 @@ There are tables of the result, sets, spread, policies, learning, moves and meth
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from humanplay.db.rows import Attestation
@@ -16,7 +16,7 @@ from humanplay.report.model import GroupReport, Metric, Report
 from humanplay.report.statistics.exclusion_sets import (
     LOWEST_IN_WORDS,
     METRICS,
-    Lowest,
+    LowestReason,
     MetricName,
 )
 from humanplay.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
@@ -115,6 +115,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "against": _against(report, group) if compared else None,
         "exclusion_sets": _exclusion_sets(group),
         "attestation": _attestation(group),
+        "languages": _languages(group.languages),
         "answers": _answers(group.answers),
         "variance": _by_metric(
             "Variance components (players and instances crossed, ANOVA estimator) and interquartile mean",
@@ -141,6 +142,14 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
     }
 
 
+def _languages(languages: Mapping[str, int]) -> PageTable | None:
+    """How many people read each language; None if there is one."""
+    if len(languages) < 2:
+        return None
+    rows = [(language, str(people)) for language, people in languages.items()]
+    return PageTable("Who took part: the language that they read", ("language", "people"), rows)
+
+
 def _answers(answers: Sequence[AnswerCounts]) -> PageTable | None:
     """Return how many people gave which answer; None where nobody was asked."""
     if not answers:
@@ -150,9 +159,12 @@ def _answers(answers: Sequence[AnswerCounts]) -> PageTable | None:
         asked = f"{counts.asked} (after {counts.turn})" if counts.turn else counts.asked
         cells = "\n".join(f"{cell.answers}: {cell.people}" for cell in counts.cells)
         people = f"fewer than {FEWEST_IN_CELL}" if counts.people is None else str(counts.people)
-        rows.append((asked, people, cells or "not shown"))
+        rows.append((asked, people, cells or "not shown", counts.mean_and_sd()))
     return PageTable(
-        "Who took part: their answers", ("question", "answered", "people"), rows, is_text=True
+        "Who took part: their answers",
+        ("question", "answered", "people", "mean and SD"),
+        rows,
+        is_text=True,
     )
 
 
@@ -295,7 +307,9 @@ def _statuses(group: GroupReport) -> PageTable | None:
             "yes" if row.in_per_protocol else "no",
             "yes" if row.in_everybody else "no",
             str(row.as_played),
-            ", ".join(f"{LOWEST_IN_WORDS[Lowest(name)]} {n}" for name, n in row.lowest.items())
+            ", ".join(
+                f"{LOWEST_IN_WORDS[LowestReason(name)]} {n}" for name, n in row.lowest.items()
+            )
             or "0",
         )
         for row in group.statuses

@@ -14,7 +14,7 @@ from functools import partial
 from humanplay.board.lobby import Lobby, Locks
 from humanplay.board.session import Session
 from humanplay.db.reader import utc_day
-from humanplay.db.series import add_attempt, add_series, attempts_of, daily_secret
+from humanplay.db.series import add_attempt, add_series, attempts_of, daily_secret, days_beside
 from humanplay.db.trial import Trial
 from humanplay.results.evaluations import boards_of
 from humanplay.study.days import DailyTerrain, terrain_on
@@ -50,6 +50,11 @@ class DailyBoards:
         if day >= today.day:
             return today if day == today.day else None
         return await store.read(lambda: terrain_on(store, day))
+
+    async def beside(self, day: str) -> tuple[str | None, str | None]:
+        """Return the nearest days with a terrain, before and after a day, up to today."""
+        store, today = self._lobby.store, self.day()
+        return await store.read(lambda: days_beside(store, day, today))
 
     async def attempt(self, player_id: str | None, day: str) -> Trial | None:
         """Return a player's attempt at a day's terrain; None before it."""

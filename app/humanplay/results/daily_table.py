@@ -141,7 +141,7 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
 
 
 def streak(attempts: Sequence[Trial], today: str) -> int:
-    """How many days in a row a player ended the daily terrain, up to today or yesterday.
+    """How many days in a row, to today or yesterday, a player finished the daily.
 
     An abandoned episode ends a streak.
     """

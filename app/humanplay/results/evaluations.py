@@ -165,7 +165,7 @@ def to_document(
 State = Literal["ready", "missing", "waiting", "computing", "failed"]
 
 
-class MadeBy(TypedDict):
+class FigureOrigin(TypedDict):
     """The command that made a figure which came with the package."""
 
     command: str
@@ -178,7 +178,7 @@ class FigureState(TypedDict):
     done: int
     of: int
     figure: EpisodesFigure | None
-    shipped: MadeBy | None
+    shipped: FigureOrigin | None
     error: str | None
 
 

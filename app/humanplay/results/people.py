@@ -69,13 +69,18 @@ class PersonRow(TypedDict):
 
 
 class OwnStanding(OwnName):
-    """Where whoever asks stands; `missing` terrains before they have a place."""
+    """Where whoever asks stands.
+
+    missing    terrains that count before they have a place
+    comparing  theirs on which Expert has not driven yet
+    """
 
     place: int | None
     behind: float | None
     worse: float | None
     terrains: int
     missing: int
+    comparing: int
 
 
 class PeopleTable(TypedDict):
@@ -258,10 +263,11 @@ class PeopleBoard:
             expert = self._expert.moves()
             runs = [run for run in self._runs if run.ended_ms >= since_ms]
             everybody = self._rank(runs, expert, is_whole=since_ms == 0)
-        missing = [run.seed for run in runs if run.seed not in expert]
-        self._expert.play(missing)
+        waiting = [run for run in runs if run.seed not in expert]
+        self._expert.play([run.seed for run in waiting])
         ranked = [one for one in everybody if one.worse is not None]
         mine = next((one for one in everybody if one.player_id == player_id), None)
+        own_waiting = sum(run.player_id == player_id for run in waiting)
         place = ranked.index(mine) + 1 if mine in ranked and mine is not None else None
         return {
             "title": self._title,
@@ -270,10 +276,10 @@ class PeopleBoard:
                 for number, one in enumerate(ranked[:SHOWN], 1)
             ],
             "ranked": len(ranked),
-            "comparing": len(missing),
+            "comparing": len(waiting),
             "fewest": FEWEST,
             "most_behind": MOST_BEHIND,
-            "you": None if name is None else _own(name, mine, place),
+            "you": None if name is None else _own(name, mine, place, own_waiting),
         }
 
     def _rank(
@@ -300,7 +306,7 @@ def _row(place: int, one: Standing, name: str | None, is_you: bool) -> PersonRow
     }
 
 
-def _own(name: OwnName, mine: Standing | None, place: int | None) -> OwnStanding:
+def _own(name: OwnName, mine: Standing | None, place: int | None, comparing: int) -> OwnStanding:
     terrains = 0 if mine is None else mine.terrains
     return {
         **name,
@@ -309,4 +315,5 @@ def _own(name: OwnName, mine: Standing | None, place: int | None) -> OwnStanding
         "worse": None if mine is None else mine.worse,
         "terrains": terrains,
         "missing": max(0, FEWEST - terrains),
+        "comparing": comparing,
     }

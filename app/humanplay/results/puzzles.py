@@ -23,6 +23,7 @@ class Answer(NamedTuple):
     means     moves to the goal on average, by the first move
     saves     moves on average over `terrains`, with the standard error
     here      moves on the terrain itself
+    shows     cells that come in sight there within the next eight moves, by the first move
     """
 
     best: str
@@ -31,6 +32,7 @@ class Answer(NamedTuple):
     error: float
     terrains: int
     here: int
+    shows: dict[str, list[tuple[int, int]]]
 
 
 class Puzzle(NamedTuple):

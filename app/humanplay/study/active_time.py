@@ -1,4 +1,4 @@
-"""How long a person was at an episode: the time of its moves without pauses and without time out of sight.
+"""How long a person was at an episode, without pauses and without a hidden page.
 
 Every input event carries the load of the page that it comes from, and each load has a clock of its own. What a load says of
 itself, that it is hidden or paused, holds until it says otherwise, until another load begins in its tab, or until a key is
@@ -49,7 +49,7 @@ def pause_share(
     quiet_ms: float,
     clock: int | None = None,
 ) -> float:
-    """Measure the share (0..1) of the time between the first and the last move that was paused or out of sight."""
+    """Share (0..1) of the time from first to last move that was paused or hidden."""
     if not moves:
         return 0.0
     first_ms, last_ms = float(moves[0]["server_ms"]), float(moves[-1]["server_ms"])
@@ -102,7 +102,7 @@ def _away_ms(
 
 
 def _on_servers_clock(inputs: Sequence[EventRow]) -> Iterator[tuple[float, EventRow]]:
-    """Yield each input event with the latest time (server's clock, ms) at which it can have happened.
+    """Each input event with the latest server time (ms) at which it can have happened.
 
     An event happened before the server received it, and before any later one of its load by as much as the load's clock says.
     Without delays, and with a clock that never stood still, this is the time itself.

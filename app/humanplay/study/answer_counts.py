@@ -1,4 +1,4 @@
-"""How many people gave which answer: what a report prints, and what a release holds without the answers.
+"""How many people gave which answer, for reports and releases.
 
 A cell of one or two people is joined with a neighbour, so that nobody stands alone in it.
 """
@@ -10,6 +10,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from statistics import fmean, stdev
 
 from humanplay.db.study_rows import AnswerRow, FreeTextRow
 from humanplay.study.questions import (
@@ -18,15 +19,20 @@ from humanplay.study.questions import (
     Block,
     Choice,
     Likert,
+    MultipleChoice,
     Number,
     Scale,
-    Several,
     Statement,
     Text,
 )
 
 FEWEST = 3
 """People in a cell, at least; nobody may be in it."""
+FEWEST_FOR_MEAN = 10
+"""People whose numbers have a mean and SD, at least; of fewer, these give away each number.
+
+Answers of which cells are joined have none: with them one could solve for what a cell hides.
+"""
 CLASSES = 10
 """Classes of a number, at most, before cells are joined."""
 DECLINED = "prefer not to say"
@@ -49,6 +55,9 @@ class AnswerCounts:
     turn    ranked episodes done, of a block between sets; else 0
     asked   the question, with its part
     people  who answered, "prefer not to say" included; None: fewer than three, and no cell is told
+    mean    of the answers of a Likert row (its points count from 1), a scale (its steps from 0) or a number, to a tenth;
+            None: fewer than ten people answered with one, cells are joined, and of other questions
+    sd      their standard deviation, of a sample, to a tenth
     """
 
     block: str
@@ -58,6 +67,8 @@ class AnswerCounts:
     asked: str
     people: int | None
     cells: tuple[Cell, ...]
+    mean: float | None = None
+    sd: float | None = None
 
     @property
     def key(self) -> Key:
@@ -68,7 +79,14 @@ class AnswerCounts:
         """The counts in words."""
         if self.people is None:
             return f"fewer than {FEWEST} people answered"
-        return "; ".join(f"{cell.answers}: {cell.people}" for cell in self.cells)
+        cells = "; ".join(f"{cell.answers}: {cell.people}" for cell in self.cells)
+        return f"{cells} ({words})" if (words := self.mean_and_sd()) else cells
+
+    def mean_and_sd(self) -> str:
+        """Mean and standard deviation in words; empty if there are none."""
+        if self.mean is None or self.sd is None:
+            return ""
+        return f"mean {self.mean:.1f}, SD {self.sd:.1f}"
 
 
 def count_answers(
@@ -97,31 +115,46 @@ def _counts(question: AnyQuestion, key: Key, answers: Sequence[float | None]) ->
     for answer in answers:
         people[-1 if answer is None else _place(question, answer)] += 1
     in_range = isinstance(question, (Number, Scale))
+    joined = _joined(people)
     cells = [
         Cell(_label(ends[first : last + 1], in_range), sum(people[first : last + 1]))
-        for first, last in _joined(people)
+        for first, last in joined
     ]
     # a choice that nobody made is told, a step that nobody took is not
     shown = [cell for cell in cells if cell.people or not (in_range or cell.answers == DECLINED)]
-    return AnswerCounts(*key, asked, len(answers), tuple(shown))
+    mean, sd = _mean_and_sd(question, answers) if len(joined) == len(people) else (None, None)
+    return AnswerCounts(*key, asked, len(answers), tuple(shown), mean, sd)
+
+
+def _mean_and_sd(
+    question: AnyQuestion, answers: Sequence[float | None]
+) -> tuple[float | None, float | None]:
+    """Mean and standard deviation of answers that are numbers."""
+    first = 1 if isinstance(question, Likert) else 0
+    numbers = [answer + first for answer in answers if answer is not None]
+    if not isinstance(question, (Likert, Number, Scale)) or len(numbers) < FEWEST_FOR_MEAN:
+        return None, None
+    return round(fmean(numbers), 1), round(stdev(numbers), 1)
 
 
 def _ends(question: AnyQuestion) -> list[tuple[str, str]]:
     """The first and the last answer of each cell, before any are joined."""
     if isinstance(question, Number):
         width = _width(question)
-        starts = range(math.floor(question.least / width), math.floor(question.most / width) + 1)
+        starts = range(
+            math.floor(question.minimum / width), math.floor(question.maximum / width) + 1
+        )
         gap = 1 if question.whole else 0
         return [
             (
-                f"{max(question.least, start * width):.15g}",
-                f"{min(question.most, (start + 1) * width - gap):.15g}",
+                f"{max(question.minimum, start * width):.15g}",
+                f"{min(question.maximum, (start + 1) * width - gap):.15g}",
             )
             for start in starts
         ]
     if isinstance(question, Scale):
         return [(str(step), str(step)) for step in range(question.steps)]
-    if isinstance(question, Several):
+    if isinstance(question, MultipleChoice):
         labels: Sequence[str] = ("chosen", "not chosen")
     elif isinstance(question, Likert):
         labels = question.points
@@ -136,22 +169,25 @@ def _place(question: AnyQuestion, answer: float) -> int:
     """The place of an answer's cell."""
     if isinstance(question, Number):
         width = _width(question)
-        return math.floor(answer / width) - math.floor(question.least / width)
-    if isinstance(question, Several):
+        return math.floor(answer / width) - math.floor(question.minimum / width)
+    if isinstance(question, MultipleChoice):
         return 0 if answer else 1
     return 0 if isinstance(question, (Text, Statement)) else int(answer)
 
 
 def _width(question: Number) -> float:
     """How wide the classes of a number are: 1, 2 or 5 times a power of ten."""
-    least = (question.most - question.least) / CLASSES
+    least = (question.maximum - question.minimum) / CLASSES
     power = 10.0 ** math.floor(math.log10(least))
     width = next(power * times for times in (1, 2, 5, 10) if power * times >= least * (1 - 1e-9))
     return max(width, 1.0) if question.whole else width
 
 
 def _joined(people: Sequence[int]) -> list[tuple[int, int]]:
-    """The first and last place of each cell, once those of one or two people are joined with the smaller neighbour."""
+    """First and last place of each cell.
+
+    Cells of one or two people are joined with the smaller neighbour.
+    """
     cells = [(place, place, count) for place, count in enumerate(people)]
     while small := [cell for cell in cells if 0 < cell[2] < FEWEST]:
         at = cells.index(min(small, key=lambda cell: cell[2]))
@@ -182,7 +218,7 @@ def known_counts(
     texts: Iterable[FreeTextRow],
     noted: str | None,
 ) -> tuple[AnswerCounts, ...]:
-    """What is known of a study's answers: counted where the rows are there, else as a release noted it.
+    """Counts of a study's answers: from the rows, or else as a release noted them.
 
     Args:
         noted: JSON of `to_json`; None for a database that no release was imported into.
@@ -197,7 +233,7 @@ def known_counts(
 
 def to_json(counts: Sequence[AnswerCounts]) -> str:
     """Counts as a release notes them."""
-    return json.dumps([asdict(each) for each in counts], ensure_ascii=False)
+    return json.dumps([asdict(question_counts) for question_counts in counts], ensure_ascii=False)
 
 
 def _from_json(text: str) -> list[AnswerCounts]:

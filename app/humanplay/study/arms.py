@@ -9,7 +9,8 @@ from humanplay.db.series import StudyStore
 from humanplay.db.study_rows import Participant, Stage
 from humanplay.study.folder import Study
 from humanplay.study.invitations import Invitations
-from humanplay.study.protocol import Arm, Protocol
+from humanplay.study.protocol import Protocol
+from humanplay.study.protocol_arms import Arm
 from humanplay.study.questions import Question
 
 

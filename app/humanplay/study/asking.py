@@ -1,4 +1,4 @@
-"""Which block of questions a participant has before them, and what becomes of their answers.
+"""Which block of questions a participant is asked next, and storing their answers.
 
 A block is due between two steps of a study, so no stage of its own is kept: whoever has ended the last ranked episode has
 finished, whatever becomes of the questions after it.
@@ -26,14 +26,17 @@ from humanplay.study.questions import (
 
 
 class DueBlock(NamedTuple):
-    """A block that is to be answered before anything else; `turn` counts the ranked episodes done, between sets alone."""
+    """A block that must be answered next.
+
+    A block between sets is asked again and again: its `turn` is the ranked episodes done so far.
+    """
 
     block: Block
     turn: int
 
 
 def break_due(protocol: Protocol, participant: Participant, trials: Sequence[Trial]) -> bool:
-    """Whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
+    """Whether a break is offered now: every `break_every` ranked episodes."""
     ranked = [trial for trial in trials if trial.phase == "ranked"]
     has_ended = bool(ranked) and ranked[-1].ended_ms is not None
     is_due = has_ended and len(ranked) % protocol.break_every == 0
@@ -76,7 +79,7 @@ def store_answers(
     sent: Mapping[str, Sent],
     at_ms: int,
 ) -> None:
-    """Check what was sent for a block, and store it; ValueError with a sentence where an answer is none."""
+    """Check the answers to a block and store them; ValueError for a wrong one."""
     block, turn = due
     answers = check_answers(block, sent, participant_id, turn)
     numbers = [

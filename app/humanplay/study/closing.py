@@ -1,4 +1,7 @@
-"""The end of a study: what is open is abandoned then, and who was at it is counted apart from who had left."""
+"""The end of a study: open episodes are abandoned.
+
+People who were playing then are counted as interrupted, others as left.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +28,16 @@ UNNOTED = (
     "then. Wait until its server has, or start one on it"
 )
 ACTIVE_MS = 10 * 60_000
-"""Who has moved within this time before the end is interrupted by it; who has not had left."""
+"""Moved less than this long before closing: interrupted. Otherwise: left."""
 
 
 @dataclass(frozen=True)
 class LeftEpisode:
-    """An open episode of a closed study, given up where it stood.
+    """An open episode of a closed study, abandoned where it stood.
 
-    record   its cause, with what it came to
-    allowed  what could be chosen before each move (`humanplay.task.Run.allowed`)
+    Attributes:
+        record: Its cause with actions and result.
+        allowed: What could be chosen before each move (`humanplay.task.Run.allowed`).
     """
 
     record: Record
@@ -48,10 +52,15 @@ def close_study(
     now: bool,
     keeps_secret: bool = False,
 ) -> Study:
-    """Close a study and return it; StudyError while somebody is at it, unless `now`.
+    """Close a study and return it.
 
-    reader        of the database in which it is played; None where there is none
-    keeps_secret  `Folder.close`
+    Args:
+        reader: Of the database in which it is played; None if there is none.
+        now: Close it although somebody is playing.
+        keeps_secret: As for `Folder.close`.
+
+    Raises:
+        StudyError: If somebody is playing, unless `now`.
     """
     if not now:
         check_nobody_is_at_it(folder, reader, name, now_ms)
@@ -59,7 +68,7 @@ def close_study(
 
 
 def check_nobody_is_at_it(folder: Folder, reader: Reader | None, name: str, now_ms: int) -> None:
-    """StudyError where somebody has moved in a running study within the last ten minutes."""
+    """Raise StudyError if somebody has moved within the last ten minutes."""
     active = 0 if reader is None else len(_active(reader, name, now_ms))
     if not active or not folder.study(name).is_running:
         return
@@ -73,13 +82,18 @@ def check_nobody_is_at_it(folder: Folder, reader: Reader | None, name: str, now_
 def note_closed(
     store: Store, study: Study, left: Mapping[str, LeftEpisode] | None = None
 ) -> list[str]:
-    """Write the end of a closed study into the database, if anybody had joined it, and abandon what is open in it.
+    """Record the end of a closed study, and abandon its open episodes.
 
-    Return the sessions whose episodes were abandoned. A running study, or one whose end is written already, changes nothing.
+    A running study, or one whose end is recorded already, changes nothing.
 
-    left  `give_up_left` of each of `left_open`; None: they are replayed here, where an environment is not guarded
+    Args:
+        left: Episode id -> `give_up_left` of it, for all of `left_open`. None: they are replayed
+            here, where nothing guards the process from the environment.
+
+    Returns:
+        The sessions whose episodes were abandoned.
     """
-    known, row = StudyStore(store), find_study(store, study.name)
+    study_store, row = StudyStore(store), find_study(store, study.name)
     ended_ms = unnoted_ms(study, row)
     if ended_ms is None or row is None:
         return []
@@ -87,7 +101,7 @@ def note_closed(
         for participant_id in (
             _active(store, study.name, ended_ms) if row.secret_kept_ms is None else ()
         ):
-            known.add_stage_event(participant_id, ended_ms, INTERRUPTED, {})
+            study_store.add_stage_event(participant_id, ended_ms, INTERRUPTED, {})
         opened = left_open(store, study)
         for trial, steps in opened:
             given_up = (
@@ -97,13 +111,14 @@ def note_closed(
             )
             if given_up is None:
                 raise StoreError(f"an episode of {study.name!r} has begun just now: try again")
-            store.next_episode([_abandoned(store, known, trial, steps, given_up, ended_ms)], ())
-        known.note_closed(study.row())
+            closing = _abandoned(store, study_store, trial, steps, given_up, ended_ms)
+            store.next_episode([closing], ())
+        study_store.note_closed(study.row())
     return [trial.session_id for trial, _ in opened]
 
 
 def unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
-    """When a study ended whose end is still to be written; None if none is."""
+    """When a study ended, if its end is not recorded yet; else None."""
     ended_ms = study.closed_ms if study.secret_kept_ms is None else study.secret_kept_ms
     if row is None or row.closed_ms is not None or not is_same_study(row, study):
         return None
@@ -111,7 +126,7 @@ def unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
 
 
 def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[MoveRow]]]:
-    """Return the open episodes, with their moves, of a study whose end is still to be written; else nothing."""
+    """Open episodes and their moves of a study whose end is not recorded yet."""
     if unnoted_ms(study, find_study(reader, study.name)) is None:
         return []
     running = [trial for trial in study_trials(reader, study.name) if trial.ended_ms is None]
@@ -119,7 +134,7 @@ def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[MoveRow]]]
 
 
 def give_up_left(trial: Trial, steps: Sequence[MoveRow], environment: Environment) -> LeftEpisode:
-    """Give up an open episode after its moves: by these alone where it cannot be replayed."""
+    """Abandon an open episode after its moves, without a replay if that fails."""
     actions = bytes(step["action"] for step in steps)
     try:
         run = environment.replay(trial, actions, True)
@@ -140,7 +155,7 @@ def give_up_left(trial: Trial, steps: Sequence[MoveRow], environment: Environmen
 
 
 def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
-    """Return the people who have moved shortly before a time, and have not come to their end."""
+    """People who moved shortly before a time and have not finished."""
     unfinished = {
         person.id
         for person in participants(reader, name)
@@ -148,25 +163,28 @@ def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
         and person.completed_ms is None
         and person.stage not in ("withdrawn", "complete")
     }
-    acts = [each for each in trial_activity(reader, name) if each.moved_ms is not None]
-    moved = {each.participant for each in acts if now_ms - (each.moved_ms or 0) < ACTIVE_MS}
+    moved = {
+        activity.participant
+        for activity in trial_activity(reader, name)
+        if activity.moved_ms is not None and now_ms - activity.moved_ms < ACTIVE_MS
+    }
     return sorted(unfinished & moved)
 
 
 def _abandoned(
     store: Store,
-    known: StudyStore,
+    study_store: StudyStore,
     trial: Trial,
     steps: Sequence[MoveRow],
     left: LeftEpisode,
     at_ms: int,
 ) -> Closing:
-    """Return what closes a running episode: given up where it stands."""
+    """What closes an abandoned episode, with its level."""
     at_ms = max(at_ms, trial.started_ms, *(step["server_ms"] for step in steps))
     if trial.kind != "human":
         return Closing(trial.id, left.record, at_ms)
-    settings = known.settings(trial.participant)
-    supervised_ms = known.supervised_ms(trial.participant)
+    settings = study_store.settings(trial.participant)
+    supervised_ms = study_store.supervised_ms(trial.participant)
     keys = key_map_of(trial.environment.keys, settings)
     controls = controls_of(trial.environment, settings) if trial.environment.clock else ()
     conditions = Conditions(

@@ -1,6 +1,7 @@
-"""A study as the database holds it: its protocol, its people, their trials. What report, release and admin begin with.
+"""A study as the database holds it: its protocol, its people and their trials.
 
-Nothing here comes from the table of identities.
+Report, release and the operator's page begin with it. Nothing here comes from the table of
+identities.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 
 from humanplay.db.input_events import input_events
 from humanplay.db.reader import Reader
-from humanplay.db.rows import PlayerSettings, StageEvent
+from humanplay.db.rows import MoveTime, PlayerSettings, StageEvent
 from humanplay.db.series import (
     ListedAmounts,
     amounts_listed,
@@ -51,7 +52,7 @@ class Person:
     script        what plays, for kind `script`
     joined_ms     milliseconds since 1970, as all times
     completed_ms  when the last ranked episode ended; None before
-    settings      modality, palette, keys
+    settings      modality, palette, keys, and the language of a study with several
     events        stage events in order
     invitation    whether an invitation brought them
     supervised    whether the operator's code was typed at least once
@@ -80,8 +81,9 @@ class Person:
 
 @dataclass(frozen=True)
 class StudyData:
-    """Everything figures are made from. `secret` is hex, known here once the study is closed.
+    """Everything that a study's figures are computed from.
 
+    secret    hex; None until the study is closed
     freezings how often a study of this name was frozen, as the chain of its database says; 0 where none is known
     same_configuration  (name, frozen_ms) of all other studies of its configuration, as the chain says
     exports_ms  when its episodes were exported while it was open, as the chain says
@@ -109,11 +111,11 @@ class StudyData:
 
     @property
     def shows_people(self) -> bool:
-        """Whether figures of people may be seen: of a closed study, and of a dry run at once."""
+        """Whether people's figures may be seen: once closed, and in a dry run at once."""
         return self.closed_ms is not None or self.protocol.dry_run_of is not None
 
     def shown(self) -> StudyData:
-        """Return the data as they may be seen: people's episodes of an open study look unfinished.
+        """The data as they may be seen: while open, people's episodes look unfinished.
 
         A figure that moves while people play tempts to stop where it pleases, and ten looks miss the
         truth in 19 % of studies instead of 5 % (Armitage, McPherson and Rowe 1969). So nobody sees a
@@ -126,24 +128,29 @@ class StudyData:
         return replace(self, trials=trials, answers=())
 
     def progress_sentence(self) -> str:
-        """Return what stands in the place of an open study's figure: how many have finished."""
-        ended = (each for each in self.people if each.completed_ms is not None)
-        finished = sum(each.kind == "human" for each in ended)
-        told = f"{finished} of {self.protocol.players} have finished."
-        return f"No figure is shown until the study is closed: {told}"
+        """How many have finished: the sentence in the place of an open study's figure."""
+        finishers = (person for person in self.people if person.completed_ms is not None)
+        finished = sum(person.kind == "human" for person in finishers)
+        players = self.protocol.players
+        return (
+            f"No figure is shown until the study is closed: {finished} of {players} have finished."
+        )
 
     def with_policies_in(self, folder: Path) -> StudyData:
-        """Return the same data with the policies' files kept in a folder."""
+        """The same data with the policies' files read from a folder."""
         return replace(self, policy_files=self.policy_files.at(folder))
 
     def seeds(self) -> dict[int, int]:
-        """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
-        ranked = (each for each in self.trials if each.phase == "ranked")
-        return {each.terrain_index: each.seed for each in ranked if each.seed is not None}
+        """Index of a ranked terrain -> its seed, for those that somebody has begun.
+
+        They are secret while the study is open.
+        """
+        ranked = (trial for trial in self.trials if trial.phase == "ranked")
+        return {trial.terrain_index: trial.seed for trial in ranked if trial.seed is not None}
 
 
 def _unfinished(trial: Trial) -> Trial:
-    """Return an episode without anything that its end would tell; the tutorial's tells nothing."""
+    """The episode without its result, as if it still ran; a tutorial stays as it is."""
     if trial.phase == "tutorial":
         return trial
     return replace(
@@ -162,9 +169,14 @@ def _unfinished(trial: Trial) -> Trial:
 
 
 def load(source: Reader | Path | str, study: str) -> StudyData:
-    """Return a study's data as of one moment; StudyError when the database has no such study, StoreError when it is not ours.
+    """A study's data as of one moment.
 
-    source  an open reader, or the path of a database
+    Args:
+        source: An open reader, or the path of a database.
+
+    Raises:
+        StudyError: If the database has no such study.
+        StoreError: If the file is no database of ours.
     """
     if isinstance(source, Reader):
         return _load(source, study)
@@ -186,9 +198,10 @@ def trial_records(reader: Reader, trials: Iterable[Trial]) -> Iterator[tuple[Tri
 def _load(reader: Reader, study: str) -> StudyData:
     row = find_study(reader, study)
     if row is None:
-        known = ", ".join(study_names(reader)) or "none"
-        where = f"{study!r} in {reader.path}"
-        raise StudyError(f"nobody has joined a study {where}; studies in it: {known}")
+        names = ", ".join(study_names(reader)) or "none"
+        raise StudyError(
+            f"nobody has joined a study {study!r} in {reader.path}; studies in it: {names}"
+        )
     people = _people(reader, study)
     protocol = parse_protocol(json.loads(row.protocol))
     return StudyData(
@@ -199,7 +212,7 @@ def _load(reader: Reader, study: str) -> StudyData:
         closed_ms=row.closed_ms,
         secret=row.secret,
         people=people,
-        trials=tuple(_with_input(reader, each, protocol) for each in study_trials(reader, study)),
+        trials=tuple(_with_input(reader, trial, protocol) for trial in study_trials(reader, study)),
         freezings=count_freezings(reader, study),
         same_configuration=tuple(of_same_configuration(reader, row)),
         exports_ms=tuple(exports_while_open(reader, study, row.commitment)),
@@ -214,7 +227,8 @@ def _load(reader: Reader, study: str) -> StudyData:
 
 def _arrivals(reader: Reader, study: str, people: Sequence[Person]) -> Arrivals:
     """Return the counts of people before they agreed, and of the erased."""
-    undecided = [each for each in people if each.kind == "human" and each.consent_version is None]
+    humans = (person for person in people if person.kind == "human")
+    undecided = [person for person in humans if person.consent_version is None]
     withdrawn = [person for person in undecided if person.stage == "withdrawn"]
     turned_away = Counter(left_as(person.events) for person in withdrawn)
     dry_runs, dry_run_people = count_dry_runs(reader, study)
@@ -272,7 +286,8 @@ def _assignment_in(events: Sequence[StageEvent]) -> tuple[str | None, str | None
 
 
 def _with_input(reader: Reader, trial: Trial, protocol: Protocol) -> Trial:
-    """Return an episode with what its input says, which is read and dropped: a study's may be larger than memory."""
+    """The episode with what its input events show: pauses, active time, labels."""
+    # an episode's events are read and dropped: a study's may be larger than memory
     moves, inputs = move_inputs(reader, trial.id), input_events(reader, trial.id)
     clock = trial.environment.clock
     labels = plausibility_labels(moves, inputs, clock, protocol.max_late, trial.outcome)
@@ -282,6 +297,13 @@ def _with_input(reader: Reader, trial: Trial, protocol: Protocol) -> Trial:
     return replace(
         trial,
         pause_share=pause_share(moves, inputs, quiet_ms, clock),
+        touch_share=_touch_share(moves),
         active_ms=active_ms(moves, inputs, trial.started_ms, quiet_ms, clock),
         labels=labels,
     )
+
+
+def _touch_share(moves: Sequence[MoveTime]) -> float:
+    """The share of an episode's moves by key or touch that were made by touch."""
+    modes = [move["input"] for move in moves if move["input"] is not None]
+    return modes.count("touch") / len(modes) if modes else 0.0

@@ -28,7 +28,11 @@ START_SLACK_MS = 60_000
 
 @dataclass(frozen=True)
 class DailyTerrain:
-    """The terrain of a day; `series` is what the database keeps of it, and goes to nobody before the day is over."""
+    """The terrain of a day.
+
+    Attributes:
+        series: Its row in the database, which nobody may see before the day is over.
+    """
 
     series: SeriesRow = field(repr=False)
     day: str
@@ -37,14 +41,18 @@ class DailyTerrain:
 
     @classmethod
     def of(cls, series: SeriesRow) -> DailyTerrain:
-        """Return the terrain of the series of a day; ValueError, TypeError or KeyError where its protocol is none."""
+        """The terrain of a day's series.
+
+        Raises:
+            ValueError, TypeError, KeyError: If its protocol cannot be read.
+        """
         protocol = json.loads(series.protocol)
         config = parse_config(protocol["task"], json.dumps(protocol["config"]))
         return cls(series, protocol["day"], config, protocol["task"])
 
     @classmethod
     def draw(cls, secret: bytes, day: str, task: str, config: Configuration) -> DailyTerrain:
-        """Return the terrain that a day (UTC, "2026-11-22") has in the database with a secret, played on a configuration."""
+        """Draw the terrain of a day (UTC, "2026-11-22") from a database's secret."""
         key = hmac.digest(secret, day.encode(), hashlib.sha256)
         protocol = canonical_json({"config": config.to_dict(), "day": day, "task": task})
         began, bound = day_start_ms(day), commitment(key)
@@ -66,13 +74,20 @@ class DailyTerrain:
 
 
 def terrain_on(reader: Reader, day: str) -> DailyTerrain | None:
-    """Return the terrain of a day as the database keeps it, the most played of them in a merged one; None without one."""
-    found = find_day(reader, day)
-    return None if found is None else DailyTerrain.of(found)
+    """The terrain of a day in the database; None without one.
+
+    A merged database may have several: the most played one.
+    """
+    series = find_day(reader, day)
+    return None if series is None else DailyTerrain.of(series)
 
 
 def day_start_ms(day: str) -> int:
-    """Return when a day began (UTC), in milliseconds since 1970; ValueError unless it is a date like "2026-11-22"."""
+    """When a day like "2026-11-22" begins (UTC), in ms since 1970.
+
+    Raises:
+        ValueError: If it is no such date.
+    """
     if len(day) != 10:
         raise ValueError(f"a day must be a date like 2026-11-22, got {day!r}")
     began = datetime.combine(date.fromisoformat(day), datetime.min.time(), UTC)

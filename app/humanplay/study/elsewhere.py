@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from humanplay.db.study_rows import Participant, participant_label
+from humanplay.db.study_rows import LABEL_LENGTH, Participant, participant_label
 from humanplay.study.folder import Study
 from humanplay.study.invitations import grouped, read_code, signature
 
@@ -21,10 +21,9 @@ LINK_MS = 15 * 60_000
 WRONG_CODE = "wrong_recovery_code"
 """Kind of the stage event of a wrong recovery code."""
 
-_LABEL_LENGTH = 8
 _CODE_LENGTH = 12  # 60 bits
 _LINK_LENGTH = 24
-_TOKEN = re.compile(r"([0-9A-F]{8})\.(\d{1,15})\.([0-9A-Z]{24})")
+_TOKEN = re.compile(r"([0-9A-F]+)\.(\d{1,15})\.([0-9A-Z]+)")
 
 
 @dataclass(frozen=True)
@@ -55,31 +54,31 @@ def holder_of_ticket(
     if parts is None:
         return None
     label, until, signed = parts.groups()
-    if now_ms >= int(until):
+    person = _labelled(people, label)
+    if person is None or now_ms >= int(until):
         return None
-    for person in people:
-        if participant_label(person.id) == label:
-            expected = _signed_link(study, person, int(until))
-            if hmac.compare_digest(signed, expected):
-                return person
-    return None
+    expected = _signed_link(study, person, int(until))
+    return person if hmac.compare_digest(signed, expected) else None
 
 
 def named_by_code(people: Iterable[Participant], typed: str) -> Participant | None:
     """Who has the label at the beginning of a recovery code; None for nobody."""
-    label = read_code(typed)[:_LABEL_LENGTH]
-    return next((person for person in people if participant_label(person.id) == label), None)
+    return _labelled(people, read_code(typed)[:LABEL_LENGTH])
 
 
 def is_recovery_code(study: Study, participant: Participant, typed: str) -> bool:
     """Whether somebody typed a participant's recovery code."""
-    secret_part = read_code(typed)[_LABEL_LENGTH:]
+    secret_part = read_code(typed)[LABEL_LENGTH:]
     return hmac.compare_digest(secret_part.encode(), _secret_part(study, participant).encode())
 
 
 def mark_of(study: Study, player_id: str) -> str:
     """A mark of the cookie of a device that somebody left, by which it is known again."""
     return signature(study.secret, f"{study.protocol_hash}|left|{player_id}", _CODE_LENGTH)
+
+
+def _labelled(people: Iterable[Participant], label: str) -> Participant | None:
+    return next((person for person in people if participant_label(person.id) == label), None)
 
 
 def _secret_part(study: Study, participant: Participant) -> str:

@@ -1,10 +1,11 @@
-"""The JSON files of a study's folder: read, written whole and on disk, and the times in them."""
+"""The files of a study's folder, written whole and on disk, and the times in them."""
 
 from __future__ import annotations
 
 import fcntl
 import json
 import os
+import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -14,34 +15,58 @@ from humanplay.study.protocol import StudyError
 
 
 def read_object(path: Path) -> dict[str, object]:
-    """Return the JSON object in a file; StudyError when it cannot be read or holds something else."""
+    """The JSON object in a file; StudyError if the file cannot be read or holds none."""
     try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StudyError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
+        content = json.loads(read_bytes(path))
     except ValueError as error:
         raise StudyError(f"{path} is not JSON: {error}") from error
-    if not isinstance(value, dict):
-        raise StudyError(f"{path} must hold a JSON object, got {type(value).__name__}")
-    return value
+    if not isinstance(content, dict):
+        raise StudyError(f"{path} must hold a JSON object, got {type(content).__name__}")
+    return content
 
 
-def text_of(values: Mapping[str, object], name: str) -> str:
-    """Return a text of a JSON object; KeyError or TypeError when there is none of this name."""
-    text = values[name]
+def read_toml(path: Path) -> dict[str, object]:
+    """The table in a TOML file; StudyError if it cannot be read."""
+    try:
+        return tomllib.loads(read_bytes(path).decode())
+    except ValueError as error:
+        raise StudyError(f"{path} is not TOML: {error}") from error
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file; StudyError if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise StudyError(f"cannot read {path}: {(error.strerror or str(error)).lower()}") from error
+
+
+def text_of(fields: Mapping[str, object], name: str) -> str:
+    """A field of a JSON object that is a text.
+
+    Raises:
+        KeyError: If it is missing.
+        TypeError: If it is something else.
+    """
+    text = fields[name]
     if not isinstance(text, str):
         raise TypeError(f"{name} must be text, got {type(text).__name__}")
     return text
 
 
-def write_object(path: Path, value: object, private: bool = False) -> None:
-    """Write the value to the file, whole and on disk; a private file is readable by its owner alone."""
-    text = value if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)
-    write_bytes(path, text.encode() + b"\n", private)
+def write_object(path: Path, content: object, private: bool = False) -> None:
+    """Write a text as it is, and anything else as JSON; otherwise like `write_bytes`."""
+    if not isinstance(content, str):
+        content = json.dumps(content, indent=2, ensure_ascii=False)
+    write_bytes(path, content.encode() + b"\n", private)
 
 
 def write_bytes(path: Path, content: bytes, private: bool = False) -> None:
-    """Write a file of a study's folder, whole and on disk; StudyError when it cannot be written."""
+    """Write a file whole and to the disk; StudyError if it cannot be written.
+
+    Args:
+        private: Whether its owner alone can read it.
+    """
     from marsexplorer.files import write_whole
 
     try:
@@ -60,7 +85,7 @@ def write_bytes(path: Path, content: bytes, private: bool = False) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes and threads that ask for the folder's lock out until the block ends."""
+    """Hold the folder's lock against other processes and threads, for a `with` block."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
@@ -70,7 +95,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def stamp_of(path: Path) -> tuple[int, int, int] | None:
-    """Return what differs once a file has been written anew; None when it is not there."""
+    """A mark that changes whenever the file is written; None if there is no file."""
     try:
         stat = path.stat()
     except OSError:
@@ -79,16 +104,16 @@ def stamp_of(path: Path) -> tuple[int, int, int] | None:
 
 
 def now_ms() -> int:
-    """Return milliseconds since 1970."""
+    """The time now, in milliseconds since 1970."""
     return int(datetime.now(UTC).timestamp() * 1000)
 
 
 def iso(ms: int) -> str:
-    """Return ISO 8601 in UTC, to the millisecond."""
-    at = datetime.fromtimestamp(ms / 1000, UTC).isoformat(timespec="milliseconds")
-    return at.replace("+00:00", "Z")
+    """A time (milliseconds since 1970) as ISO 8601 in UTC, to the millisecond."""
+    text = datetime.fromtimestamp(ms / 1000, UTC).isoformat(timespec="milliseconds")
+    return text.replace("+00:00", "Z")
 
 
 def ms_of(iso: str) -> int:
-    """Return milliseconds since 1970 of a time in ISO 8601."""
+    """A time in ISO 8601, as milliseconds since 1970."""
     return round(datetime.fromisoformat(iso).timestamp() * 1000)

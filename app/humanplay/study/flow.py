@@ -1,4 +1,4 @@
-"""Where everybody is who came to a study: one status a person, and how many people have each.
+"""The status of each person who came to a study, and how many have each status.
 
 So that one person does not count as two, signs that somebody takes part more than once are noted, as far as they can be known
 without observing people's devices: refused joins with the participant who was there before, and with a new participant whether
@@ -139,7 +139,9 @@ EARLY = (
 
 @dataclass(frozen=True)
 class Arrivals:
-    """People of whom nothing but counts is kept. A release leaves out who did not agree, and keeps these counts.
+    """People of whom only counts are stored.
+
+    A release leaves out people who did not consent, and holds these counts.
 
     declined   did not agree
     undecided  opened the study and did not answer
@@ -222,7 +224,7 @@ def arrivals_of(
     dry_run_people: int,
     erased: Sequence[ErasedPerson],
 ) -> Arrivals:
-    """Count people as the database knows them; `erased` of `humanplay.db.series.erased_people`."""
+    """Count people by the database; `erased` is `humanplay.db.series.erased_people`."""
     arms = Counter(person["arm"] for person in erased if person["arm"] is not None)
     asked = Counter(person["asked_by"] for person in erased if person["asked_by"] is not None)
     return Arrivals(
@@ -242,7 +244,7 @@ def arrivals_of(
 
 
 def participant_flow(arrivals: Arrivals, statuses: Iterable[Status]) -> ParticipantFlow:
-    """Count the statuses of the people who agreed, and those of whom only counts are kept."""
+    """Count the statuses of people who consented, and add those with counts only."""
     people = Counter(statuses)
     people[Status.DECLINED] = arrivals.declined
     people[Status.UNDECIDED] = arrivals.undecided
@@ -321,7 +323,7 @@ def _failed_last(trials: Sequence[Trial]) -> bool:
 
 
 def left_as(events: Iterable[StageEvent]) -> Outcome | None:
-    """As what taking part ended for somebody who is withdrawn, where it was not their wish."""
+    """The outcome of somebody who is withdrawn without their wish; else None."""
     noted = (event.detail.get("outcome") for event in events if event.kind == "withdrawn")
     return next((Outcome(str(outcome)) for outcome in noted if outcome is not None), None)
 
@@ -333,7 +335,7 @@ def missed_checks(events: Iterable[StageEvent]) -> int:
 
 
 def devices_used(events: Iterable[StageEvent]) -> int:
-    """On how many devices somebody took part."""
+    """One more than how often somebody changed devices."""
     return 1 + sum(event.kind == MOVED_EVENT for event in events)
 
 

@@ -2,9 +2,9 @@
 
     NAME/invitations.json   each invitation by its id: when it was issued, and when it was revoked
 
-A token is the invitation's id and a signature under the study's secret, so the file alone lets nobody in, and a token can be
-made again from secret and id. Who has used an invitation is in the database, with the participant: agreeing to the consent
-text uses it up, opening its link does not.
+A token is the invitation's id and a signature under the study's secret. So the file alone lets nobody
+in, and a token can be computed again from secret and id. The database holds who has used an
+invitation: consenting uses it up, opening its link does not.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ ID_LENGTH, _SIGNATURE_LENGTH = 4, 12  # 60 bits that nobody can guess
 class Invitation:
     """An invitation; times are ISO 8601.
 
-    revoked_at  None while it holds
-    arm         to which the operator assigns whoever comes with it; None: people are assigned by chance
+    Attributes:
+        revoked_at: None while it holds.
+        arm: To which the operator assigns the person; None: people are assigned by chance.
     """
 
     id: str
@@ -66,53 +67,58 @@ class Invitation:
         return None if self.revoked_at is None else ms_of(self.revoked_at)
 
 
-def new_id(known: Container[str]) -> str:
-    """Return an id of four characters that is not known yet."""
+def new_id(taken: Container[str]) -> str:
+    """A new id of four characters."""
     while True:
         rest = (secrets.choice(ALPHABET) for _ in range(ID_LENGTH - 1))
-        if (ident := secrets.choice(FIRST_LETTERS) + "".join(rest)) not in known:
+        if (ident := secrets.choice(FIRST_LETTERS) + "".join(rest)) not in taken:
             return ident
 
 
 class Invitations:
-    """The invitations of every study in a folder; a file is read again when it has changed."""
+    """The invitations of all studies in a folder; changed files are read again."""
 
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
-        self._known: dict[str, tuple[object, dict[str, Invitation]]] = {}
+        self._read: dict[str, tuple[object, dict[str, Invitation]]] = {}
 
     def of(self, name: str) -> dict[str, Invitation]:
-        """Return a study's invitations by id, in the order of issuing; StudyError when the file is damaged."""
+        """A study's invitations by id, in the order of issuing.
+
+        Raises:
+            StudyError: If the file is damaged.
+        """
         path = self._path(name)
         stamp = stamp_of(path)
-        known = self._known.get(name)
-        if known is None or known[0] != stamp:
+        read = self._read.get(name)
+        if read is None or read[0] != stamp:
             try:
                 rows = [] if stamp is None else read_object(path)["invitations"]
                 if not isinstance(rows, list):
                     raise TypeError(f"invitations must be a list, got {type(rows).__name__}")
                 by_id = {row["id"]: Invitation(**row) for row in rows}
-                _ = [(each.issued_ms, each.revoked_ms) for each in by_id.values()]
+                # a time that cannot be read is found now
+                _ = [(invitation.issued_ms, invitation.revoked_ms) for invitation in by_id.values()]
             except (KeyError, TypeError, ValueError) as error:
                 raise StudyError(f"{path} is damaged: {error!r}; restore a backup") from error
-            known = self._known[name] = (stamp, by_id)
-        return known[1]
+            read = self._read[name] = (stamp, by_id)
+        return read[1]
 
     @contextmanager
     def _changing(self, name: str) -> Iterator[dict[str, Invitation]]:
-        """Yield a study's invitations, to be changed, and write them."""
+        """Let the block change a study's invitations, and write them."""
         with locked(self._folder.path(name)):
-            found = dict(self.of(name))
-            yield found
-            told = [asdict(each) for each in found.values()]
-            content = {"format": "humanplay-invitations-1", "invitations": told}
+            invitations = dict(self.of(name))
+            yield invitations
+            rows = [asdict(invitation) for invitation in invitations.values()]
+            content = {"format": "humanplay-invitations-1", "invitations": rows}
             write_object(self._path(name), content)
 
     def _path(self, name: str) -> Path:
         return self._folder.path(name) / "invitations.json"
 
     def issue(self, name: str, count: int, arm: str | None = None) -> list[Invitation]:
-        """Issue new invitations to an open study and return them; StudyError when it takes none.
+        """Issue new invitations to an open study; StudyError if it takes none.
 
         Args:
             arm: As of `Invitation`.
@@ -127,24 +133,28 @@ class Invitations:
             )
         arms = [possible.name for possible in study.protocol.arms]
         if arm is not None and arm not in arms:
-            known = ", ".join(arms) or "none"
-            raise StudyError(f"the study {name!r} has no arm {arm!r}: there are {known}")
-        with self._changing(name) as found:
-            if not 1 <= count <= MAX_INVITATIONS - len(found):
+            raise StudyError(
+                f"the study {name!r} has no arm {arm!r}: there are {', '.join(arms) or 'none'}"
+            )
+        with self._changing(name) as invitations:
+            room = MAX_INVITATIONS - len(invitations)
+            if not 1 <= count <= room:
                 raise StudyError(
-                    f"expected 1 to {counted(MAX_INVITATIONS - len(found), 'further invitation')} (a study has at most "
-                    f"{MAX_INVITATIONS}), got {count}"
+                    f"expected 1 to {counted(room, 'further invitation')} (a study has at most {MAX_INVITATIONS}), got {count}"
                 )
-            before, now = len(found), iso(now_ms())
+            before, now = len(invitations), iso(now_ms())
             for _ in range(count):
-                ident = new_id(found)
-                found[ident] = Invitation(id=ident, issued_at=now, arm=arm)
-        return list(found.values())[before:]
+                ident = new_id(invitations)
+                invitations[ident] = Invitation(id=ident, issued_at=now, arm=arm)
+        return list(invitations.values())[before:]
 
     def revoke(self, name: str, idents: Sequence[str]) -> list[Invitation]:
-        """Revoke invitations by their ids and return them; StudyError for an unknown id, and then none is revoked.
+        """Revoke invitations by their ids.
 
-        Whoever has agreed to the consent text with one goes on.
+        A person who has consented with one can go on.
+
+        Raises:
+            StudyError: For an unknown id; then none is revoked.
         """
         if not self._folder.study(name).is_running:
             raise StudyError(
@@ -152,17 +162,17 @@ class Invitations:
             )
         # a whole token begins with the id
         wanted = [read_code(ident)[:ID_LENGTH] for ident in idents]
-        with self._changing(name) as found:
+        with self._changing(name) as invitations:
             pairs = zip(idents, wanted, strict=True)
-            if unknown := [typed for typed, ident in pairs if ident not in found]:
+            if unknown := [typed for typed, ident in pairs if ident not in invitations]:
                 raise StudyError(
                     f"the study {name!r} has no invitation {unknown[0]!r}: `humanplay study invite {name} --list` shows all"
                 )
             now = iso(now_ms())
             for ident in wanted:
-                at = found[ident].revoked_at or now
-                found[ident] = replace(found[ident], revoked_at=at)
-        return [found[ident] for ident in wanted]
+                revoked_at = invitations[ident].revoked_at or now
+                invitations[ident] = replace(invitations[ident], revoked_at=revoked_at)
+        return [invitations[ident] for ident in wanted]
 
     def note_used(self, name: str, idents: Iterable[str]) -> None:
         """Unmark used invitations as revoked: revoking them had no effect."""
@@ -171,7 +181,7 @@ class Invitations:
                 invitations[ident] = replace(invitations[ident], revoked_at=None)
 
     def read_token(self, study: Study, token: str) -> Invitation | None:
-        """Return the invitation, revoked or not, that a token was signed for; None for any other text."""
+        """The invitation of a token, revoked or not; None for any other text."""
         typed = read_code(token)
         ident = typed[:ID_LENGTH]
         if not hmac.compare_digest(typed.encode(), _signed(study, ident).encode()):
@@ -193,9 +203,9 @@ def link_of(study: Study, ident: str, base: str) -> str:
 class Use:
     """What somebody has done with an invitation.
 
-    state   `opened`: joined and not left again; `used`: agreed to the consent text
-    label   of the participant
-    at_ms   when
+    Attributes:
+        state: `opened`: joined and not left again. `used`: consented.
+        label: Of the participant.
     """
 
     state: Literal["opened", "used"]
@@ -204,26 +214,27 @@ class Use:
 
 
 def uses_of(reader: Reader, name: str) -> dict[str, Use]:
-    """Return the use of each of a study's invitations with which somebody has come, by its id.
+    """Invitation id -> its use, for those with which somebody has come.
 
-    Of several people who have opened one, the one who agreed is named, else the first who has not left again.
+    If several people have opened one, it is used by the person who consented, else opened by the
+    first one who has not left again.
     """
-    found: dict[str, Use] = {}
+    uses: dict[str, Use] = {}
     for person in participants(reader, name):
         if person.invitation is None:
             continue
         if person.consent_ms is not None:
-            found[person.invitation] = Use("used", participant_label(person.id), person.consent_ms)
+            uses[person.invitation] = Use("used", participant_label(person.id), person.consent_ms)
         elif person.stage != "withdrawn":
             use = Use("opened", participant_label(person.id), person.joined_ms)
-            found.setdefault(person.invitation, use)
-    return found
+            uses.setdefault(person.invitation, use)
+    return uses
 
 
 def state_of(
     invitation: Invitation, use: Use | None
 ) -> Literal["issued", "opened", "used", "revoked"]:
-    """Return an invitation's state; one that was used before it was revoked stays used."""
+    """An invitation's state; one that was used and then revoked stays used."""
     if use is not None and use.state == "used":
         return "used"
     if invitation.revoked_ms is not None:
@@ -232,7 +243,7 @@ def state_of(
 
 
 def signature(secret: bytes, text: str, length: int) -> str:
-    """Return `length` characters (5 bits each, at most 51 of them) of HMAC-SHA256(secret, text)."""
+    """`length` characters (5 bits each, at most 51) of HMAC-SHA256(secret, text)."""
     number = int.from_bytes(hmac.new(secret, text.encode(), hashlib.sha256).digest(), "big")
     return "".join(ALPHABET[number >> (256 - 5 * (i + 1)) & 31] for i in range(length))
 
@@ -243,7 +254,7 @@ def grouped(code: str) -> str:
 
 
 def read_code(typed: str) -> str:
-    """Return what was typed as a code: without spaces and dashes, in capitals, look-alikes read as what they look like."""
+    """A typed code in capitals, without spaces and dashes; I and L are 1, O is 0."""
     return typed.upper().translate(_LOOK_ALIKES)
 
 

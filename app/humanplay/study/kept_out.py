@@ -1,4 +1,4 @@
-"""People whom a study lets in no more: the erased until it is closed, and those of its pilots.
+"""People whom a study no longer lets in: erased people, and people of its pilots.
 
     NAME/kept_out.json   a key, and a hash under it of each ID; readable by its owner alone
 
@@ -21,7 +21,7 @@ FILE = "kept_out.json"
 
 
 def keep_out(folder: Path, idents: Iterable[str]) -> int:
-    """Add people to those whom the study of a folder keeps out, and return how many there are now."""
+    """Keep people out of the study of a folder; return how many are kept out now."""
     with locked(folder):
         key, hashes = _read(folder) or (secrets.token_bytes(32), set())
         hashes = hashes | {_hash(key, ident) for ident in idents if plain(ident)}
@@ -31,9 +31,12 @@ def keep_out(folder: Path, idents: Iterable[str]) -> int:
 
 
 def is_kept_out(folder: Path, ident: str) -> bool:
-    """Whether the study of a folder keeps out whoever has an ID, whatever its case and spaces."""
-    known = _read(folder)
-    return known is not None and _hash(known[0], ident) in known[1]
+    """Whether the study of a folder keeps out an ID, whatever its case and spaces."""
+    content = _read(folder)
+    if content is None:
+        return False
+    key, hashes = content
+    return _hash(key, ident) in hashes
 
 
 def let_in_again(folder: Path) -> None:

@@ -1,8 +1,8 @@
-"""How taking part can end for somebody, and what they read then: a code, an address or a sentence.
+"""What participants read at each outcome: a code, an address or a sentence.
 
     NAME/outcomes.json   the text of each outcome; readable by its owner alone
 
-These texts lie beside the secret, are in no protocol and no export, and may change while people come.
+These texts are in no protocol and no export, and they may change while the study runs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from urllib.parse import quote
 from humanplay.study.files import locked, read_object, write_object
 from humanplay.study.outcome import BEFORE_CONSENT, Outcome
 from humanplay.study.platforms import PLATFORMS
-from humanplay.study.protocol import Payment, Protocol, StudyError
+from humanplay.study.protocol import Protocol, StudyError
+from humanplay.study.protocol_parts import Payment
+from humanplay.task.sentences import Sentence
 
 FILE = "outcomes.json"
 CODE = "code"
@@ -26,10 +28,10 @@ CODE = "code"
 
 @dataclass(frozen=True)
 class Ending:
-    """What somebody reads at their end.
+    """What a participant reads when they finish or leave.
 
-    code      to be typed, or copied, elsewhere
-    address   to which a button leads
+    code      to be typed or copied elsewhere
+    address   where a button leads
     """
 
     outcome: Outcome
@@ -39,7 +41,7 @@ class Ending:
 
 
 def read_texts(folder: Path) -> dict[Outcome, str]:
-    """The texts of a study's outcomes, from its folder; StudyError when the file is damaged."""
+    """Outcome -> its text, from a study's folder; StudyError if the file is damaged."""
     path = folder / FILE
     if not path.exists():
         return {}
@@ -52,21 +54,34 @@ def read_texts(folder: Path) -> dict[Outcome, str]:
 def change_texts(
     folder: Path, protocol: Protocol, texts: Mapping[str, str], is_frozen: bool
 ) -> dict[Outcome, str]:
-    """Change the texts of some outcomes, an empty one to none, and return all of them.
+    """Change the texts of some outcomes, and return all texts.
 
-    StudyError for a text that nothing fills in, and then nothing is changed.
+    Args:
+        texts: Outcome -> its new text; an empty one deletes the text.
+
+    Raises:
+        StudyError: If a text cannot be shown to participants; nothing changes then.
     """
     if unknown := [outcome for outcome in texts if outcome not in set(Outcome)]:
-        known = ", ".join(Outcome)
-        raise StudyError(f"expected one of {known} before the =, got {unknown[0]!r}")
+        raise StudyError(f"expected one of {', '.join(Outcome)} before the =, got {unknown[0]!r}")
     with locked(folder):
-        changed = {**read_texts(folder), **{Outcome(each): text for each, text in texts.items()}}
-        changed = {outcome: text.strip() for outcome, text in changed.items() if text.strip()}
-        check_texts(protocol, changed)
+        merged = {**read_texts(folder), **{Outcome(name): text for name, text in texts.items()}}
+        merged = {
+            outcome: _plain_code(protocol, text.strip())
+            for outcome, text in merged.items()
+            if text.strip()
+        }
+        check_texts(protocol, merged)
         if is_frozen:
-            check_complete(protocol, changed)
-        write_object(folder / FILE, changed, private=True)
-    return changed
+            check_complete(protocol, merged)
+        write_object(folder / FILE, merged, private=True)
+    return merged
+
+
+def _plain_code(protocol: Protocol, text: str) -> str:
+    """The code alone, if the text is the platform's address with it; else the text."""
+    before, _, _ = PLATFORMS[protocol.platform].back.partition("{code}")
+    return text.removeprefix(before) if before else text
 
 
 def delete_texts(folder: Path) -> None:
@@ -75,7 +90,11 @@ def delete_texts(folder: Path) -> None:
 
 
 def check_texts(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
-    """StudyError where a text names what nothing fills in, or the platform cannot take it."""
+    """Check the texts of outcomes.
+
+    Raises:
+        StudyError: If a text has an unknown placeholder, or does not suit the platform.
+    """
     platform = PLATFORMS[protocol.platform]
     fillable = {*protocol.outside_ids, *([CODE] if protocol.platform == "code" else [])}
     for outcome, text in texts.items():
@@ -95,6 +114,13 @@ def check_texts(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
                 f"{outcome} has {{{name}}}, which nothing fills in: there are "
                 f"{', '.join(f'{{{name}}}' for name in sorted(fillable)) or 'no placeholders'}"
             )
+    for outcome, text in texts.items():
+        for name in platform.ids:
+            if re.search(rf"[?&]{name}=(?!{{{name}}})", text):
+                raise StudyError(
+                    f"{outcome} has the same {name} for everybody: write {name}={{{name}}}, "
+                    "which becomes each person's"
+                )
     codes = [text for text in texts.values() if kind_of(text) == "code"]
     if repeated := {code for code in codes if codes.count(code) > 1 and "{" not in code}:
         raise StudyError(
@@ -103,14 +129,14 @@ def check_texts(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
 
 
 def check_complete(protocol: Protocol, texts: Mapping[Outcome, str]) -> None:
-    """StudyError where whoever finishes has no way back to the platform."""
+    """StudyError if participants who finish have no way back to the platform."""
     platform = PLATFORMS[protocol.platform]
     if protocol.platform == "code" or kind_of(texts.get(Outcome.FINISHED, "")) in WAYS_BACK:
         return
-    what = "the completion code" if platform.back else "the address that gives credit"
+    way_back = "the completion code" if platform.back else "the address that gives credit"
     raise StudyError(
         f"people come from {platform.title}, and nothing leads them back: "
-        f"`humanplay study outcomes {protocol.name} finished=...` with {what} that it shows you"
+        f"`humanplay study outcomes {protocol.name} finished=...` with {way_back} that it shows you"
     )
 
 
@@ -131,10 +157,11 @@ def ending(
     ids: Mapping[str, str],
     drawn: str | None,
 ) -> Ending:
-    """What somebody with these IDs reads who has come to an outcome.
+    """What a participant reads at an outcome.
 
     Args:
-        drawn: Their own code, where one is drawn for each person.
+        ids: Parameter of the link -> the participant's value.
+        drawn: The participant's code, if one is drawn for each.
     """
     text = texts.get(outcome, "")
     if not text and protocol.platform == "code" and outcome not in BEFORE_CONSENT:
@@ -148,20 +175,27 @@ def ending(
     if kind_of(text) == "address":
         address = text.format_map({name: quote(value, safe="") for name, value in values.items()})
         return Ending(outcome, code=drawn or None, address=address)
-    filled = text.format_map(values)
     if kind_of(text) == "sentence":
-        return Ending(outcome, sentence=filled)
+        is_ours = isinstance(text, Sentence)
+        return Ending(outcome, sentence=text if is_ours else text.format_map(values))
+    filled = text.format_map(values)
     back = PLATFORMS[protocol.platform].back
     return Ending(outcome, code=filled, address=back.format(code=quote(filled)) if back else None)
 
 
 def _return_it(payment: Payment | None, outcome: Outcome) -> str:
-    """What somebody from Prolific reads where no code stands for their outcome."""
+    """What a participant from Prolific reads at an outcome without a code."""
     amount = 0.0 if payment is None else payment.outcomes.get(outcome, 0.0)
-    bonus = ""
     if payment is not None and amount and payment.is_fixed(outcome):
-        bonus = f" You get {amount:.2f} {payment.currency} as a bonus."
-    return f"Please return your submission on Prolific.{bonus}"
+        return _RETURN_FOR.format(amount=f"{amount:.2f} {payment.currency}")
+    return _RETURN
+
+
+_RETURN = Sentence("outcome.return", "Please return your submission on Prolific.")
+_RETURN_FOR = Sentence(
+    "outcome.return_for",
+    "Please return your submission on Prolific. You get {amount} as a bonus.",
+)
 
 
 def _placeholders(outcome: Outcome, text: str) -> set[str]:

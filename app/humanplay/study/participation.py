@@ -1,4 +1,7 @@
-"""What a study asks of every move of its participants (see `humanplay.board.session.Participation`)."""
+"""The rules of a study for its participants' boards.
+
+They implement `humanplay.board.participation.Participation`.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +22,25 @@ from humanplay.study.folder import Folder, Study, StudyError
 from humanplay.study.invitations import Invitations
 from humanplay.study.outcome import Outcome
 from humanplay.study.practice import has_passed
+from humanplay.task.sentences import Sentence
 
-CLOSED_MESSAGE = "the study {!r} is closed: nobody can take part or go on any more"
+CLOSED_MESSAGE = Sentence(
+    "refused.closed", "the study '{name}' is closed: nobody can take part or go on any more"
+)
+CANNOT_GO_ON = Sentence(
+    "refused.cannot_go_on", "the study '{name}' cannot go on now; tell whoever invited you"
+)
 
 
 class StageError(Exception):
-    """What was asked for does not fit where the participant or the study stands; nothing has changed."""
+    """The participant or the study is at another stage; nothing has changed."""
 
 
 class StudyParticipation:
-    """The participation of one participant; the study is looked up at every move, so that closing it shows at once."""
+    """The participation of one participant.
+
+    The study is looked up at every move, so that closing it takes effect at once.
+    """
 
     def __init__(
         self,
@@ -47,24 +59,23 @@ class StudyParticipation:
         return not self._study_store.is_participant(self._participant.id)
 
     def hides_scores(self, episode_id: str) -> bool:
-        """Return whether the episode is ranked and the participant has not come to the debrief."""
-        found = self._study_store.phase_and_stage(episode_id)
-        phase, stage = found or ("", "")
+        """Whether the episode is ranked, and the participant is not at the debrief yet."""
+        phase, stage = self._study_store.phase_and_stage(episode_id) or ("", "")
         return phase == "ranked" and (stage not in ("debrief", "complete") or self._is_asked())
 
     def is_secret(self, episode_id: str) -> bool:
         """Whether the episode is a ranked one of a study that is not closed."""
-        found = self._study_store.phase_and_stage(episode_id)
-        return found is not None and found[0] == "ranked" and self._study().is_open
+        phase, _ = self._study_store.phase_and_stage(episode_id) or ("", "")
+        return phase == "ranked" and self._study().is_open
 
     def check_open(self) -> None:
-        """Check that the study is open; RefusedError when it is not."""
+        """Check that the study is open; RefusedError if it is not."""
         if not self._study().is_running:
-            raise RefusedError(CLOSED_MESSAGE.format(self._participant.study))
+            raise RefusedError(CLOSED_MESSAGE.format(name=self._participant.study))
 
     @property
     def clock_limits(self) -> ClockLimits:
-        """Return what the protocol allows an episode in time, where a clock runs."""
+        """How often and how long an episode on a clock may stand still."""
         return self._study().protocol.clock_limits
 
     def note_script(self, episode_id: str) -> None:
@@ -79,9 +90,9 @@ class StudyParticipation:
         self._study_store.add_stage_event(self._participant.id, self._clock(), STOPPED, detail)
 
     def note_end(self) -> None:
-        """Move the participant on when the last episode of the stage has ended: warm-up to ranked, ranked to debrief.
+        """Move the participant to the next stage, if the stage's last episode has ended.
 
-        A warm-up that does not pass the practice begins again, or ends the study for them.
+        If the practice was not passed, the warm-up begins again, or the participant is screened out.
         """
         study = self._study()
         protocol = study.protocol
@@ -90,7 +101,11 @@ class StudyParticipation:
         ended = Counter(trial.phase for trial in trials if trial.ended_ms is not None)
         if participant.stage == "warm_up" and ended["warm_up"] >= protocol.warm_up:
             passed = True if protocol.practice is None else has_passed(protocol, trials)
-            if passed is False and protocol.practice and protocol.practice.then == "screen_out":
+            if (
+                passed is False
+                and protocol.practice
+                and protocol.practice.if_failed == "screen_out"
+            ):
                 failed = Outcome.FAILED_PRACTICE
                 self._study_store.withdraw(participant, now, outcome=failed)
             elif passed is not None:
@@ -102,22 +117,28 @@ class StudyParticipation:
             self._study_store.set_stage(participant.id, now, "debrief", completed_ms=now)
 
     def check_events(self, episode_id: str) -> None:
-        """Check that input events of an episode are to be kept; RefusedError for any that is none of the participant's."""
+        """Check that the participant may add input events to an episode.
+
+        Raises:
+            RefusedError: If the study is closed, or the episode is not the participant's.
+        """
         self.check_open()
         if not self._study_store.has_trial(self._participant.id, episode_id):
-            what = f"episode {episode_id!r} is none of this participant's"
-            raise RefusedError(f"{what}: no input events were kept")
+            raise RefusedError(
+                f"episode {episode_id!r} is none of this participant's: no input events were kept"
+            )
 
     def settings(self) -> list[PlayerSettings]:
-        """Return what the participant has chosen, every version so far."""
+        """Every version of the settings that the participant has chosen."""
         return self._study_store.settings(self._participant.id)
 
     def supervised_ms(self) -> tuple[int, ...]:
-        """Return when the operator's code was typed for the participant; empty when it never was."""
+        """When the operator's code was typed for the participant; empty if never."""
         return self._study_store.supervised_ms(self._participant.id)
 
     def _is_asked(self) -> bool:
-        """Whether questions come before the debrief, which no score is to colour."""
+        """Whether questions come before the debrief."""
+        # scores stay hidden until they are answered, so as not to colour the answers
         participant = self._study_store.participant(self._participant.id)
         trials = self._study_store.trials(participant.id)
         return bool(due_blocks(self._study_store, self._study(), participant, trials))
@@ -128,17 +149,17 @@ class StudyParticipation:
 
     @contextmanager
     def _available(self) -> Iterator[None]:
-        """Say of files that cannot be read that the study cannot go on now."""
+        """Raise StudyUnavailableError if the study's files cannot be read."""
         try:
             yield
         except StudyError as error:
             raise StudyUnavailableError(
-                f"the study {self._participant.study!r} cannot go on now; tell whoever invited you"
+                CANNOT_GO_ON.format(name=self._participant.study)
             ) from error
 
 
 class Participations:
-    """Finds the participation that a session belongs to; a lobby asks it when it resumes a session."""
+    """Finds a session's participation; a lobby asks it when it resumes a session."""
 
     def __init__(
         self,
@@ -151,11 +172,12 @@ class Participations:
         self._invitations = invitations or Invitations(folder)
 
     def of_session(self, session_id: str) -> StudyParticipation | None:
-        """Return the participation at a session; None when it is no participant's board."""
+        """The participation of a session; None if it is no participant's board."""
         participant = self._study_store.participant_of_session(session_id)
         return None if participant is None else self.of(participant)
 
     def of(self, participant: Participant) -> StudyParticipation:
-        """Return the participation of a participant."""
-        files = self._folder, self._study_store, self._sources, self._invitations
-        return StudyParticipation(participant, *files)
+        """The participation of a participant."""
+        return StudyParticipation(
+            participant, self._folder, self._study_store, self._sources, self._invitations
+        )

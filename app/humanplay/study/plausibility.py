@@ -1,8 +1,10 @@
-"""Labels on episodes whose input looks implausible for a person. They are never deletions: the report counts them, and its
-strict figure leaves labelled participants out; the other figures keep them.
+"""Labels on episodes whose input looks implausible for a person.
 
-Rows are those of the tables `steps` and `input_events`, as dictionaries, in order. Times are those of the page load's own
-clock (ms): an interval from one load to another is not counted.
+A label deletes nothing: the report counts labels, and only its strict estimate leaves labelled
+participants out.
+
+Rows are those of the tables `steps` and `input_events`, in order. Times are those of the page load's
+own clock (ms): an interval from one load to another is not counted.
 """
 
 from __future__ import annotations
@@ -47,12 +49,13 @@ RELEASES = ("keyup", "touchup")
 
 
 def labels_of(protocol: Protocol) -> dict[str, str]:
-    """Return every label that a study's episodes can have from their input, with what it means."""
+    """Label -> its meaning, for all labels that a study's input can have."""
     if not protocol.environment.clock:
         return LABELS
-    seeing = {name: what for name, what in LABELS.items() if name != "under 80 ms"}
+    # where time runs, two keys are often pressed as one
+    labels = {name: meaning for name, meaning in LABELS.items() if name != "under 80 ms"}
     late = f"more than {protocol.max_late:.0%} of the frames came more than a frame late"
-    return {**seeing, LATE: late}
+    return {**labels, LATE: late}
 
 
 def plausibility_labels(
@@ -62,14 +65,15 @@ def plausibility_labels(
     most_late: float = 1.0,
     outcome: str | None = None,
 ) -> tuple[str, ...]:
-    """Return an episode's labels, in the order of `labels_of`.
+    """An episode's labels, in the order of `labels_of`.
 
-    clock      of the task; where time runs, two keys are often pressed as one
-    most_late  share (0..1) of frames that may come late
-    outcome    None while it runs
+    Args:
+        clock: Ticks a second of the task, if time runs.
+        most_late: Share (0..1) of frames that may come late.
+        outcome: None while the episode runs.
     """
     presses = [row for row in inputs if row["kind"] in PRESSES and not row["repeat"]]
-    found = {
+    applies = {
         "robotic timing": _is_steady(presses),
         "no key-up": _lacks_releases(presses, inputs),
         "under 80 ms": clock is None and _is_fast(presses),
@@ -80,11 +84,11 @@ def plausibility_labels(
         "no attempt": outcome == "abandoned" and len(moves) < FEWEST_PRESSES,
     }
     is_late = clock and late_share([row["server_ms"] for row in moves], clock) > most_late
-    return (*(name for name in LABELS if found.get(name)), *((LATE,) if is_late else ()))
+    return (*(name for name in LABELS if applies.get(name)), *((LATE,) if is_late else ()))
 
 
 def _gaps_ms(presses: Sequence[EventRow]) -> list[float]:
-    """Measure the times between presses that follow each other in one load of the page."""
+    """Times between successive presses in one load of the page."""
     return [
         after["client_ms"] - before["client_ms"]
         for before, after in pairwise(presses)

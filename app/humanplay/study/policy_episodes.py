@@ -1,4 +1,4 @@
-"""A policy's episodes on a study's ranked terrains: played, or replayed from their recorded moves.
+"""A policy's episodes on a study's ranked terrains, played or replayed.
 
 An episode is its cause: the terrain's seed and the moves. The report's figures of policies are made from these, and a release
 holds them, so that they can be derived again where the policy's file is not at hand.
@@ -21,11 +21,12 @@ from humanplay.task import Configuration, Environment, Run
 class PolicyEpisode:
     """One episode of a policy.
 
-    policy           its name or path, as the protocol has it
-    policy_hash      SHA-256 (hex) of its file; None for a rule that is code
-    terrain          index of the ranked terrain, and its seed
-    actions          one byte a move, codes 0..3
-    trajectory_hash  of the episode as it was played
+    Attributes:
+        policy: Its name or path, as in the protocol.
+        policy_hash: SHA-256 (hex) of its file; None for code.
+        terrain, seed: Index of the ranked terrain, and its seed.
+        actions: One byte a move.
+        trajectory_hash: Of the episode as it was played.
     """
 
     policy: str
@@ -36,7 +37,7 @@ class PolicyEpisode:
     trajectory_hash: str
 
     def replay(self, environment: Environment, config: Configuration) -> Run:
-        """Return the run that the seed and the moves give, to its end; `replayed_hash` says whether moves go on after it."""
+        """Replay the episode, at most to its end."""
         run = environment.run(config, self.seed)
         for action in self.actions:
             if run.ended:
@@ -45,14 +46,14 @@ class PolicyEpisode:
         return run
 
     def replayed_hash(self, environment: Environment, config: Configuration) -> str:
-        """Return the hash of the trajectory that the seed and the moves give, or that moves go on after the end."""
+        """Hash of the replayed trajectory; or a sentence if moves go on after the end."""
         if replace(self, actions=self.actions[:-1]).replay(environment, config).ended:
             return "the recorded moves go on after the end"
         return str(self.replay(environment, config).record().trajectory_hash)
 
 
 def closed_seeds(data: StudyData) -> dict[int, int]:
-    """Return the seeds of the ranked terrains of a closed study by index, from its secret; none where that is not known."""
+    """Index -> seed of a closed study's ranked terrains; empty without its secret."""
     if data.secret is None:
         return {}
     secret, ranked = bytes.fromhex(data.secret), range(data.protocol.ranked)
@@ -60,12 +61,12 @@ def closed_seeds(data: StudyData) -> dict[int, int]:
 
 
 def compared_policies(protocol: Protocol) -> list[str]:
-    """Return the policies of the report: those of the protocol, and `random` as the zero."""
+    """The policies of the report: those of the protocol, and `random` as the zero."""
     return list(dict.fromkeys((*protocol.policies, "random")))
 
 
 def tested_policies(protocol: Protocol) -> list[str]:
-    """The policies whose difference from the people is tested: the protocol's, without `random`.
+    """The policies that are tested against people: the protocol's, without `random`.
 
     None in a score without a lowest value: those who leave have none, so only finishers could claim it. And none where the
     arms are the family that is tested.
@@ -86,12 +87,18 @@ def play_policies(
     progress: Callable[[int, int], None] | None = None,
     files: PolicyFiles | None = None,
 ) -> tuple[PolicyEpisode, ...]:
-    """Play each policy (a name or path) on every terrain, and return the episodes by policy and terrain.
+    """Play each policy (a name or path) on every terrain.
 
-    seeds     by terrain index; progress is called with (episodes played, episodes in all)
-    files     of the study's policies; None takes the files that are there today
+    Args:
+        seeds: Terrain index -> seed.
+        progress: Called with (episodes played, episodes in all).
+        files: Of the study's policies; None: the files that are there today.
 
-    PolicyError when a policy cannot be played; nothing is played then.
+    Returns:
+        The episodes, sorted by policy and terrain.
+
+    Raises:
+        PolicyError: Before anything is played, if a policy cannot be played.
     """
     if not names:
         return ()
@@ -99,14 +106,17 @@ def play_policies(
     chosen = list(dict.fromkeys(sources.values()))
     hashes = {source: environment.policies.hash_of(source) for source in chosen}
     index_of = {number: index for index, number in seeds.items()}
-    found: dict[tuple[str, int], PolicyEpisode] = {}
+    episodes: dict[tuple[str, int], PolicyEpisode] = {}
     for source, number, moves, trajectory in environment.policies.play_all(
         chosen, config, list(seeds.values())
     ):
         terrain = index_of[number]
-        for name in (name for name, own in sources.items() if own == source):
-            played = (name, hashes[source], terrain, number, moves, trajectory)
-            found[name, terrain] = PolicyEpisode(*played)
+        # several names may stand for one source
+        for name, its_source in sources.items():
+            if its_source == source:
+                episodes[name, terrain] = PolicyEpisode(
+                    name, hashes[source], terrain, number, moves, trajectory
+                )
         if progress:
-            progress(len(found), len(sources) * len(seeds))
-    return tuple(found[name, index] for name in sources for index in sorted(seeds))
+            progress(len(episodes), len(sources) * len(seeds))
+    return tuple(episodes[name, index] for name in sources for index in sorted(seeds))

@@ -1,4 +1,4 @@
-"""The files of the policies that a study compares with: recorded by SHA-256 when it is frozen, and kept.
+"""The files of a study's policies, copied and recorded by SHA-256 at freezing.
 
     NAME/policies/SHA256.onnx   in the folder of studies; a release has such a folder too
 
@@ -45,9 +45,10 @@ class PolicyFiles:
         return replace(self, folder=folder)
 
     def source(self, policy: str) -> str:
-        """Return what `Policies.load` takes for a policy: its name where that still stands for its file, else a path.
+        """What `Policies.load` takes for a policy: its name, or the path of its file.
 
-        PolicyError when the file of the recorded hash is neither there, nor kept, nor shipped under another name.
+        Raises:
+            PolicyError: If no file with the recorded hash is there.
         """
         expected = self.hashes.get(policy)
         if expected is None or self._hash_of(policy) == expected:
@@ -61,7 +62,7 @@ class PolicyFiles:
         )
 
     def expert(self, name: str) -> str:
-        """The source of the file that the study's moves are judged by (`Environment.expert`).
+        """The file that judges the study's moves (`Environment.expert`).
 
         PolicyError if none was recorded when the study was frozen, and as `source`.
         """
@@ -80,12 +81,16 @@ class PolicyFiles:
         return copy or (self.folder or Path(FOLDER)) / name
 
     def copy_to(self, folder: Path, policies: Iterable[str]) -> None:
-        """Copy the files of some policies into a folder; those without a recorded hash are left out. Errors as `source`."""
+        """Copy the files of some policies with a recorded hash into a folder.
+
+        Raises:
+            PolicyError, StudyError: As for `source`.
+        """
         for policy in (policy for policy in dict.fromkeys(policies) if policy in self.hashes):
             _keep(self._policies.file_of(self.source(policy)), folder)
 
     def damaged(self) -> Iterator[tuple[Path, str | None, str]]:
-        """Yield (file, its hash or None where it is missing, the recorded hash) of each kept file that is not as recorded."""
+        """Files that are not as recorded: path, its hash (None: missing), recorded hash."""
         for policy, expected in self.hashes.items():
             path = self.place(policy)
             if (actual := self._hash_of(str(path))) != expected:
@@ -96,7 +101,7 @@ class PolicyFiles:
         return environment_of(self.task).policies
 
     def _hash_of(self, policy: str) -> str | None:
-        """Return SHA-256 (hex) of the file that a name or path stands for; None where there is none that can be read."""
+        """SHA-256 (hex) of a policy's file; None if it cannot be read."""
         try:
             return self._policies.hash_of(policy)
         except PolicyError:
@@ -107,7 +112,10 @@ class PolicyFiles:
 
 
 def record_files(policies: Iterable[str], folder: Path, catalogue: Policies) -> dict[str, str]:
-    """Keep the file of each policy (a name or path) in a folder, and return the SHA-256 (hex) by policy; rules have none.
+    """Copy the policies' files into a folder.
+
+    Returns:
+        Policy (name or path) -> SHA-256 (hex) of its file, without those that are code.
 
     PolicyError for a policy that is not there; StudyError when a file cannot be read or written.
     """
@@ -116,7 +124,7 @@ def record_files(policies: Iterable[str], folder: Path, catalogue: Policies) -> 
 
 
 def _keep(path: Path, folder: Path) -> str:
-    """Copy a file into a folder under its SHA-256, and return that: the hash is of the very bytes that are kept."""
+    """Copy a file into a folder under its SHA-256, which is of the copied bytes."""
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from humanplay.db.trial import Trial
-from humanplay.study.protocol import Practice, Protocol
-from humanplay.task import counted
+from humanplay.study.protocol import Protocol
+from humanplay.study.protocol_parts import Practice
+from humanplay.study.wording import Wording
+from humanplay.task.sentences import Sentence
 
 
 def has_passed(protocol: Protocol, trials: Iterable[Trial]) -> bool | None:
@@ -23,7 +25,7 @@ def has_passed(protocol: Protocol, trials: Iterable[Trial]) -> bool | None:
     tries = len(ended) // protocol.warm_up
     for number in range(tries):
         part = ended[number * protocol.warm_up : (number + 1) * protocol.warm_up]
-        if sum(_is_reached(practice, trial) for trial in part) >= practice.reach:
+        if sum(_is_reached(practice, trial) for trial in part) >= practice.episodes_to_pass:
             return True
     return False if tries >= practice.tries else None
 
@@ -34,22 +36,48 @@ def _is_reached(practice: Practice, trial: Trial) -> bool:
     return trial.score is not None and trial.score >= practice.score
 
 
-def criterion(protocol: Protocol) -> str:
-    """What participants read of the practice; empty where there is none."""
+def criterion(protocol: Protocol, wording: Wording | None = None) -> str:
+    """What participants read of the practice; empty where there is none.
+
+    Args:
+        wording: Says what the task calls its rounds and its goal; None: in English.
+    """
     practice = protocol.practice
     if practice is None:
         return ""
-    environment, config = protocol.environment, protocol.env_config
-    things, s = environment.texts(config).things, "s" if practice.reach == 1 else ""
-    some = f"at least {practice.reach}" if practice.reach < protocol.warm_up else "all"
-    which = f"{some} of its {protocol.warm_up} {things}"
-    if protocol.warm_up == 1:
-        which = f"its {things.removesuffix('s')}"
-    goal = f"end{s} as “{environment.about.words.reached}”"
+    environment = protocol.environment
+    things, reached = environment.texts(protocol.env_config).things, environment.about.words.reached
+    if wording is not None:
+        things = wording.text("task.things", things)
+        reached = wording.text("task.reached", reached)
+    ends = _ONE_GOAL if practice.episodes_to_pass == 1 else _GOAL
     if practice.score is not None:
-        goal = f"score{s} {practice.score:g} or more"
-    tries = f"You have {counted(practice.tries, 'try', 'tries')}"
-    if practice.tries > 1:
-        tries += f", each on other {things}"
-    end = "the study ends for you" if practice.then == "screen_out" else "you go on all the same"
-    return f"You pass the practice if {which} {goal}. {tries}; if you fail, {end}."
+        ends = _ONE_SCORE if practice.episodes_to_pass == 1 else _SCORE
+    if protocol.warm_up == 1:
+        which = _ONLY.format(thing=things.removesuffix("s"))
+    else:
+        some = _SOME if practice.episodes_to_pass < protocol.warm_up else _ALL
+        which = some.format(number=practice.episodes_to_pass, of=protocol.warm_up, things=things)
+    tries = _ONE_TRY if practice.tries == 1 else _TRIES
+    return _CRITERION.format(
+        which=which,
+        goal=ends.format(reached=reached, score=f"{practice.score or 0:g}"),
+        tries=tries.format(tries=practice.tries, things=things),
+        end=_SCREENED_OUT if practice.if_failed == "screen_out" else _GOES_ON,
+    )
+
+
+_CRITERION = Sentence(
+    "practice.criterion", "You pass the practice if {which} {goal}. {tries}; if you fail, {end}."
+)
+_SOME = Sentence("practice.some", "at least {number} of its {of} {things}")
+_ALL = Sentence("practice.all", "all of its {of} {things}")
+_ONLY = Sentence("practice.only", "its {thing}")
+_GOAL = Sentence("practice.goal", "end as “{reached}”")
+_ONE_GOAL = Sentence("practice.one_goal", "ends as “{reached}”")
+_SCORE = Sentence("practice.score", "score {score} or more")
+_ONE_SCORE = Sentence("practice.one_score", "scores {score} or more")
+_ONE_TRY = Sentence("practice.one_try", "You have 1 try")
+_TRIES = Sentence("practice.tries", "You have {tries} tries, each on other {things}")
+_SCREENED_OUT = Sentence("practice.screened_out", "the study ends for you")
+_GOES_ON = Sentence("practice.goes_on", "you go on all the same")

@@ -1,4 +1,4 @@
-"""Questions that a study asks: their kinds, the blocks that they stand in, and the check of an answer.
+"""The questions of a study: their kinds, their blocks, and the check of answers.
 
 An answer is a number for each part of its question, or None for "prefer not to say": the index of a choice, a step, a number,
 1 or 0 for a choice that may be one of several and for a statement. Only what is typed as text is text.
@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from types import NoneType
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -33,10 +34,32 @@ Shown = dict[str, object]
 """What a page gets of a question, or of a block."""
 
 
+NONE = "none"
+"""What a draft says where a field is None."""
+
+
 class Part(BaseModel):
     """A part of a protocol."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _none_is_a_word(cls, fields: object) -> object:
+        """A draft writes NONE, since TOML has no null."""
+        if not isinstance(fields, Mapping):
+            return fields
+        words = {name for name, content in fields.items() if content == NONE}
+        return {**fields, **dict.fromkeys(words & cls.optional_fields())}
+
+    @classmethod
+    def optional_fields(cls) -> set[str]:
+        """The fields that may be None."""
+        return {
+            name
+            for name, field in cls.model_fields.items()
+            if NoneType in get_args(field.annotation)
+        }
 
 
 class _Choices(Part):
@@ -51,7 +74,7 @@ class _Choices(Part):
 
 
 class Question(_Choices):
-    """One that has a right answer; of the instructions, it shows whether they were understood.
+    """A question with a right answer, on the instructions or as an attention check.
 
     answer   the index of the right choice
     why      what a participant who chose another one reads before trying again
@@ -72,7 +95,7 @@ class Question(_Choices):
         return self._index(sent) == self.answer
 
 
-class Asked(Part):
+class BlockQuestion(Part):
     """What every question of a block has.
 
     name    no other question of the protocol has it: tables call the answer so
@@ -93,7 +116,10 @@ class Asked(Part):
 
     @property
     def offers_declining(self) -> bool:
-        """Whether "prefer not to say" is offered: also where the page cannot take an answer back."""
+        """Whether "prefer not to say" is offered.
+
+        It is also offered if the page cannot take an answer back.
+        """
         return self.needed or not self.can_be_taken_back
 
     @property
@@ -110,7 +136,7 @@ class Asked(Part):
         return {}
 
 
-class _OneChoice(Asked, _Choices):
+class _OneChoice(BlockQuestion, _Choices):
     def numbers(self, sent: Sent) -> dict[int, float]:
         """The index of the choice."""
         return {0: self._index(sent)}
@@ -141,7 +167,7 @@ class AttentionCheck(_OneChoice, Question):
         return {"kind": "choice"}
 
 
-class Several(Asked, _Choices):
+class MultipleChoice(BlockQuestion, _Choices):
     """Any number of choices, each 1 or 0."""
 
     kind: Literal["several"] = "several"
@@ -166,7 +192,7 @@ class Several(Asked, _Choices):
         return {index: float(index in chosen) for index in range(len(self.choices))}
 
 
-class Likert(Asked):
+class Likert(BlockQuestion):
     """Statements that are rated on the same points.
 
     rows    the statements
@@ -205,7 +231,7 @@ class Likert(Asked):
         return {"rows": self.rows, "points": self.points}
 
 
-class Scale(Asked):
+class Scale(BlockQuestion):
     """Steps between two ends; none of them is chosen beforehand.
 
     steps  how many; an answer is 0 to steps - 1
@@ -227,20 +253,22 @@ class Scale(Asked):
         return {"steps": self.steps, "low": self.low, "high": self.high}
 
 
-class Number(Asked):
+class Number(BlockQuestion):
     """A number that is typed."""
 
     kind: Literal["number"] = "number"
     can_be_taken_back: ClassVar[bool] = True
-    least: float = Field(default=0, allow_inf_nan=False)
-    most: float = Field(allow_inf_nan=False)
+    minimum: float = Field(default=0, allow_inf_nan=False)
+    maximum: float = Field(allow_inf_nan=False)
     whole: bool = True
     unit: str = Field(default="", max_length=40)
 
     @model_validator(mode="after")
     def _ends_in_order(self) -> Number:
-        if self.least >= self.most:
-            raise ValueError(f"least must be below most, got {self.least:g} and {self.most:g}")
+        if self.minimum >= self.maximum:
+            raise ValueError(
+                f"minimum must be below maximum, got {self.minimum:g} and {self.maximum:g}"
+            )
         return self
 
     def numbers(self, sent: Sent) -> dict[int, float]:
@@ -248,25 +276,32 @@ class Number(Asked):
         if (
             isinstance(sent, (int, float))
             and not isinstance(sent, bool)
-            and self.least <= sent <= self.most
+            and self.minimum <= sent <= self.maximum
             and not (self.whole and sent % 1)
         ):
             return {0: float(sent)}
         kind = "a whole number" if self.whole else "a number"
-        raise ValueError(f"must be {kind} from {self.least:.15g} to {self.most:.15g}, got {sent!r}")
+        raise ValueError(
+            f"must be {kind} from {self.minimum:.15g} to {self.maximum:.15g}, got {sent!r}"
+        )
 
     def shown(self) -> Shown:
         """What a page gets of it alone."""
-        return {"least": self.least, "most": self.most, "whole": self.whole, "unit": self.unit}
+        return {
+            "minimum": self.minimum,
+            "maximum": self.maximum,
+            "whole": self.whole,
+            "unit": self.unit,
+        }
 
 
-class Text(Asked):
+class Text(BlockQuestion):
     """Words that are typed: a line, or several."""
 
     kind: Literal["text"] = "text"
     can_be_taken_back: ClassVar[bool] = True
     long: bool = False
-    most: int = Field(default=300, ge=1, le=5000)
+    max_length: int = Field(default=300, ge=1, le=5000)
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -274,17 +309,17 @@ class Text(Asked):
         return ()
 
     def text(self, sent: Sent) -> str:
-        """The text without spaces around it; ValueError for none, or for a longer one than is allowed."""
-        if not isinstance(sent, str) or not sent.strip() or len(sent) > self.most:
-            raise ValueError(f"must be a text of at most {counted(self.most, 'character')}")
+        """The text without spaces around it; ValueError if it is no text, or too long."""
+        if not isinstance(sent, str) or not sent.strip() or len(sent) > self.max_length:
+            raise ValueError(f"must be a text of at most {counted(self.max_length, 'character')}")
         return sent.strip()
 
     def shown(self) -> Shown:
         """What a page gets of it alone."""
-        return {"long": self.long, "most": self.most}
+        return {"long": self.long, "max_length": self.max_length}
 
 
-class Statement(Asked):
+class Statement(BlockQuestion):
     """A statement to agree to: 1 where somebody did."""
 
     kind: Literal["statement"] = "statement"
@@ -298,12 +333,12 @@ class Statement(Asked):
 
 
 AnyQuestion = Annotated[
-    Choice | Several | Likert | Scale | Number | Text | Statement | AttentionCheck,
+    Choice | MultipleChoice | Likert | Scale | Number | Text | Statement | AttentionCheck,
     Field(discriminator="kind"),
 ]
 
 
-class ShownIf(Part):
+class Condition(Part):
     """The one earlier answer that lets a block be asked.
 
     question  a choice of a block that comes before
@@ -329,7 +364,7 @@ class Block(Part):
     title: Line
     about: Line
     intro: str = Field(default="", max_length=1000)
-    shown_if: ShownIf | None = None
+    shown_if: Condition | None = None
     arms: tuple[Name, ...] = Field(default=(), max_length=10)
     questions: tuple[AnyQuestion, ...] = Field(min_length=1, max_length=40)
 
@@ -354,7 +389,7 @@ def in_order(blocks: Sequence[Block]) -> list[Block]:
 
 
 def check_blocks(blocks: Sequence[Block]) -> None:
-    """ValueError where two blocks or questions have one name, or an earlier answer is none."""
+    """Raise ValueError for a repeated name, or a condition on a later question."""
     for kind, names in (
         ("blocks", [block.name for block in blocks]),
         ("questions", [question.name for block in blocks for question in block.questions]),
@@ -366,10 +401,9 @@ def check_blocks(blocks: Sequence[Block]) -> None:
         if condition := block.shown_if:
             choice = earlier.get(condition.question)
             if choice is None:
-                known = ", ".join(earlier) or "none"
                 raise ValueError(
                     f"the block {block.name!r} is shown by {condition.question!r}, which is no choice of a block before it: "
-                    f"there are {known}"
+                    f"there are {', '.join(earlier) or 'none'}"
                 )
             if max(condition.answers) >= len(choice.choices):
                 raise ValueError(
@@ -380,7 +414,7 @@ def check_blocks(blocks: Sequence[Block]) -> None:
         earlier |= {question.name: question for question in choices}
 
 
-def drawn_order(question: Asked, participant_id: str, turn: int) -> list[int]:
+def drawn_order(question: BlockQuestion, participant_id: str, turn: int) -> list[int]:
     """The indices of a question's choices in the order in which one person sees them."""
     count = len(question.choices) if isinstance(question, _Choices) else 0
     if not question.is_shuffled:
@@ -392,7 +426,7 @@ def drawn_order(question: Asked, participant_id: str, turn: int) -> list[int]:
 
 
 def shown(block: Block, participant_id: str, turn: int) -> Shown:
-    """What a page gets of a block: no right answer, and no rule by which another one is shown."""
+    """What a page gets of a block: no right answers, no conditions of other blocks."""
     return {
         "name": block.name,
         "turn": turn,
@@ -404,7 +438,7 @@ def shown(block: Block, participant_id: str, turn: int) -> Shown:
 
 
 def _shown(question: AnyQuestion, participant_id: str, turn: int) -> Shown:
-    known: Shown = {
+    fields: Shown = {
         "kind": question.kind,
         "name": question.name,
         "question": question.question,
@@ -414,8 +448,8 @@ def _shown(question: AnyQuestion, participant_id: str, turn: int) -> Shown:
     }
     if isinstance(question, _Choices):
         order = drawn_order(question, participant_id, turn)
-        known["choices"] = [{"value": index, "text": question.choices[index]} for index in order]
-    return known
+        fields["choices"] = [{"value": index, "text": question.choices[index]} for index in order]
+    return fields
 
 
 @dataclass(frozen=True)
@@ -456,7 +490,7 @@ def missed_in(block: Block, answers: Mapping[str, float | None]) -> int:
 def check_answers(
     block: Block, sent: Mapping[str, Sent], participant_id: str, turn: int
 ) -> Answers:
-    """What was sent for a block; ValueError with a sentence where an answer is none, or a needed one is missing."""
+    """Check the answers to a block; ValueError for a wrong or a missing one."""
     names = {question.name for question in block.questions}
     if unknown := sorted(sent.keys() - names):
         raise ValueError(f"the block {block.name!r} has no question {unknown[0]!r}")
@@ -481,7 +515,7 @@ def check_answers(
     return Answers(tuple(numbers), texts, missed)
 
 
-def _numbers(question: Asked, sent: Sent, order: Sequence[int]) -> Iterator[NumberAnswer]:
+def _numbers(question: BlockQuestion, sent: Sent, order: Sequence[int]) -> Iterator[NumberAnswer]:
     if sent is None:
         yield from (NumberAnswer(question.name, part, None) for part in range(len(question.parts)))
         return

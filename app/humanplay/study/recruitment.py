@@ -1,11 +1,11 @@
-"""How people come into a study: by single-use invitations, from a panel's link, or by a link that is open to all.
+"""Who may join a study: by an invitation, a platform's link, or an open link.
 
-An invitation and a panel's id are used up by the consent, in its transaction, and by nothing before it. Scripts are let in
-whatever the recruitment, since they enter no human score. A join that is refused is noted with the participant who was there
-before, without anything of whoever came second.
+The consent uses up an invitation or a platform's ID, in its own transaction; nothing before it does.
+Scripts may always join, since they enter no human score. A refused join is noted with the participant
+who came first; nothing of the second person is stored.
 
-A session is supervised by the operator's code of the day, typed in the lab under the operator's eyes. The code is worth as
-much as the operator's attention: whoever has seen it can type it elsewhere until it lapses.
+A session is supervised if the operator's code of the day was typed in it, in the lab. The code is
+worth as much as the operator's attention: whoever sees it can type it elsewhere until it lapses.
 """
 
 from __future__ import annotations
@@ -33,73 +33,122 @@ from humanplay.study.invitations import (
 from humanplay.study.kept_out import is_kept_out
 from humanplay.study.participation import StageError
 from humanplay.study.platforms import NO_ASSIGNMENT, PLATFORMS, fits, is_unfilled, plain
-from humanplay.study.protocol import StudyError
+from humanplay.study.protocol import SOURCE_LANGUAGE, StudyError
+from humanplay.study.translation import own_sentence
+from humanplay.study.wording import OPENING
+from humanplay.task.sentences import Sentence, sentence_of
 
-UNREADABLE = "the invitations of this study cannot be read now; tell whoever invited you"
-NO_INVITATION = "this study is by invitation: open the link that you were sent"
-WRONG_INVITATION = (
+UNREADABLE = Sentence(
+    "refused.unreadable",
+    "the invitations of this study cannot be read now; tell whoever invited you",
+)
+NO_INVITATION = Sentence(
+    "refused.no_invitation", "this study is by invitation: open the link that you were sent"
+)
+WRONG_INVITATION = Sentence(
+    "refused.wrong_invitation",
     "this is no invitation to this study: open the link that you were sent just as it stands, or ask whoever invited you for "
-    "a new one"
+    "a new one",
 )
-REVOKED = "this invitation has been taken back: ask whoever sent it to you for a new one"
-USED = (
+REVOKED = Sentence(
+    "refused.revoked",
+    "this invitation has been taken back: ask whoever sent it to you for a new one",
+)
+USED = Sentence(
+    "refused.used",
     "this invitation has been used: if it was you, go on in the browser in which you began; otherwise ask whoever sent it to "
-    "you for a new one"
+    "you for a new one",
 )
-OTHER_INVITATION = (
+OTHER_INVITATION = Sentence(
+    "refused.other_invitation",
     "this browser takes part with another invitation already: to go on there, open the study without an invitation; for "
-    "somebody else, use another browser or a private window"
+    "somebody else, use another browser or a private window",
 )
-WRONG_PANEL_LINK = (
+WRONG_PANEL_LINK = Sentence(
+    "refused.wrong_panel_link",
     "this link was not made for this id: open the link that you were sent just as it stands, or ask whoever sent it to "
-    "you for a new one"
+    "you for a new one",
 )
-UNFILLED = (
+UNFILLED = Sentence(
+    "refused.unfilled",
     "this link has {value} as {name}, which the recruitment platform should have replaced by your participant ID: accept the "
-    "study on the platform and begin it there; if you did, tell whoever invited you that their link is not set up"
+    "study on the platform and begin it there; if you did, tell whoever invited you that their link is not set up",
 )
-PREVIEW = (
+PREVIEW = Sentence(
+    "refused.preview",
     "you see a preview of {title}; nothing is recorded. {text} To take part, accept the task on the platform and "
-    "begin it there"
+    "begin it there",
 )
-EMPTY = "this link has no {name} after its =: begin the study on the platform that sent you"
-REPEATED = (
+EMPTY = Sentence(
+    "refused.empty",
+    "this link has no {name} after its =: begin the study on the platform that sent you",
+)
+REPEATED = Sentence(
+    "refused.repeated",
     "this link has {name} more than once, so that it does not say who you are: begin the study on the platform that "
-    "sent you"
+    "sent you",
 )
 LONGEST_ID = 200
-TOO_LONG = (
-    f"this link has a {{name}} of more than {LONGEST_ID} characters, which is no participant ID: open the link that you were "
-    "sent just as it stands"
+TOO_LONG = Sentence(
+    "refused.too_long",
+    "this link has a {name} of more than {most} characters, which is no participant ID: open the link that you were "
+    "sent just as it stands",
 )
-MISSHAPEN = "this link has a {name} that is none of {platform}'s: open the link there again, and do not change it"
-KEPT_OUT = (
+MISSHAPEN = Sentence(
+    "refused.misshapen",
+    "this link has a {name} that is none of {platform}'s: open the link there again, and do not change it",
+)
+KEPT_OUT = Sentence(
+    "refused.kept_out",
     "this study is for people who have not taken part before, and this {name} has: nothing is recorded; if you come from a "
-    "recruitment platform, return the study there"
+    "recruitment platform, return the study there",
 )
-NO_ID = "open this study from the site that sent you: its link says who you are there, and this one does not"
+OTHER_ID = Sentence(
+    "refused.other_id",
+    "this browser takes part for another {name} already: use another browser or a private window",
+)
+TAKEN_ID = Sentence(
+    "refused.taken_id",
+    "someone has joined with this {name} in another browser: go on there, or write to whoever invited you",
+)
+NO_ID = Sentence(
+    "refused.no_id",
+    "open this study from the site that sent you: its link says who you are there, and this one does not",
+)
+
+NO_MORE_CODES = Sentence(
+    "refused.no_more_codes",
+    "{most} wrong codes were typed here: no code is looked at any more, go on without one",
+)
+WRONG_OPERATOR_CODE = Sentence(
+    "refused.operator_code",
+    "this is not the operator's code of today: ask the operator to type it",
+)
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """What somebody brings who joins.
+    """What a person or a script brings who joins.
 
-    outside_ids  parameters of the link
-    script       what plays, when it is no person
-    invitation   the token of the link
-    repeated     parameters that the link has more than once
+    outside_ids  the link's parameters
+    script       the program that plays; None for a person
+    invitation   the link's token
+    repeated     the parameters that the link has more than once
+    language     the language in which the page is read first
     """
 
     outside_ids: Mapping[str, str]
     script: str | None = None
     invitation: str | None = None
     repeated: frozenset[str] = frozenset()
+    language: str = SOURCE_LANGUAGE
 
 
 class TakenError(StageError):
-    """Somebody has come with this invitation or id before, or this browser takes part for somebody else.
+    """The invitation, the ID or the browser belongs to another participant.
 
-    participant_id, reason  with whom it is noted, and as what
+    participant_id  the participant with whom it is noted
+    reason          as what it is noted
     """
 
     def __init__(self, message: str, participant_id: str, reason: Reason) -> None:
@@ -116,7 +165,10 @@ class Recruitment:
 
     @contextmanager
     def noting(self, now: int) -> Iterator[None]:
-        """Note a TakenError of the block, after what the block wrote was taken back, and pass it on."""
+        """Note a TakenError of the `with` block, and raise it again.
+
+        Put the block's transaction inside, so that what it wrote is rolled back first.
+        """
         try:
             yield
         except TakenError as error:
@@ -124,31 +176,41 @@ class Recruitment:
             raise
 
     def note(self, participant_id: str, reason: Reason, now: int) -> None:
-        """Note a further join with a participant, MAX_NOTED times at most."""
+        """Note a further join with a participant, at most MAX_NOTED times."""
         if self._store.count_stage_events(participant_id, REPEATED_JOIN) < MAX_NOTED:
             self._store.add_stage_event(participant_id, now, REPEATED_JOIN, {"reason": reason})
 
     def admit(
-        self, study: Study, player_id: str, comes: Arrival, found: Participant | None
+        self, study: Study, player_id: str, arrival: Arrival, returning: Participant | None
     ) -> str | None:
-        """Return the id of the invitation that a person comes with, None for none; StageError when they may not come in.
+        """Check that a person may come in.
 
-        found  the participant with this cookie, None before joining
+        Args:
+            returning: The participant with this cookie; None if there is none yet.
+
+        Returns:
+            The ID of their invitation; None without one.
+
+        Raises:
+            StageError: If they may not.
         """
-        _check_shapes(study, comes)
-        self._check_outside_id(study, player_id, comes, found)
-        own = None if found is None else found.invitation
-        has_left = found is not None and found.stage == "withdrawn"
+        _check_link(study, arrival)
+        self._check_outside_id(study, player_id, arrival, returning)
+        present_invitation = None if returning is None else returning.invitation
+        has_left = returning is not None and returning.stage == "withdrawn"
         if study.protocol.recruitment != "invitation" or has_left:
-            return own
-        if comes.invitation is None:
-            if found is None:
+            return present_invitation
+        if arrival.invitation is None:
+            if returning is None:
                 raise StageError(NO_INVITATION)
-            return own
-        return self._admit_invited(study, comes.invitation, found)
+            return present_invitation
+        return self._admit_invited(study, arrival.invitation, returning)
 
     def check_consent(self, study: Study, participant: Participant) -> None:
-        """Check that a person may agree now, in the transaction that notes it; StageError when somebody else was first."""
+        """Check that a person may agree now; StageError if somebody else was first.
+
+        Call it in the transaction that stores the consent.
+        """
         if study.protocol.recruitment == "invitation":
             invitation = self._read(study).get(participant.invitation or "")
             if invitation is None:
@@ -156,64 +218,67 @@ class Recruitment:
             self._check_usable(study, invitation, participant)
         elif study.protocol.recruitment == "panel":
             name = study.protocol.outside_ids[0]
-            value = self._store.identity(participant.id, name)
-            if value is None:
+            outside_id = self._store.identity(participant.id, name)
+            if outside_id is None:
                 raise StageError(NO_ID)
-            other = self._consented_with(study, name, value, participant.player_id)
+            other = self._consented_with(study, name, outside_id, participant.player_id)
             if other is not None:
                 raise _taken_id(name, other)
 
     def obstacle(self, study: Study, participant: Participant) -> str | None:
-        """Return why somebody at the consent cannot agree any more, in a sentence; None when nothing stands in the way."""
+        """Why a participant at the consent cannot agree any more; None if they can."""
         if participant.stage != "consent" or participant.kind != "human" or not study.is_running:
             return None
         try:
             self.check_consent(study, participant)
         except StageError as error:
-            return str(error)
+            return sentence_of(error)
         return None
 
-    def repeats_outside_id(self, study: Study, outside_ids: Mapping[str, str]) -> str | None:
-        """Return `missing`, `repeated` or `new` for the first outside id of somebody who comes; None where none is expected.
+    def newness_of_id(self, study: Study, outside_ids: Mapping[str, str]) -> str | None:
+        """Whether the participant ID of a newcomer is new in the study.
 
-        It is expected where the link is open and the protocol names one. An id is repeated when somebody in the study has the
-        same but for its case and spaces; that is noted with them as well.
+        Case and spaces make no difference.
+
+        Returns:
+            `new`, `repeated`, or `missing` where an open link should have brought one; None if the
+            protocol names no ID, or none came with an invitation.
         """
         if not study.protocol.outside_ids:
             return None
         name = study.protocol.outside_ids[0]
         if not plain(outside_ids.get(name, "")):
             return "missing" if study.protocol.recruitment == "open" else None
-        others = self._store.identities(study.name, name)
-        known = {plain(value) for _, value in others}
-        return "repeated" if plain(outside_ids[name]) in known else "new"
+        stored_ids = {plain(stored) for _, stored in self._store.identities(study.name, name)}
+        return "repeated" if plain(outside_ids[name]) in stored_ids else "new"
 
     def note_repeated_id(self, study: Study, outside_ids: Mapping[str, str], now: int) -> None:
-        """Note with everybody who has the first of these outside ids that it came again."""
+        """Note a repeated participant ID with everybody who has it."""
         name = study.protocol.outside_ids[0]
-        for other, value in self._store.identities(study.name, name):
-            if plain(value) == plain(outside_ids[name]):
+        for other, stored_id in self._store.identities(study.name, name):
+            if plain(stored_id) == plain(outside_ids[name]):
                 self.note(other.id, "outside id", now)
 
-    def _admit_invited(self, study: Study, token: str, found: Participant | None) -> str:
+    def _admit_invited(self, study: Study, token: str, returning: Participant | None) -> str:
+        """The ID of the invitation with a token; StageError if it lets nobody in."""
         try:
             invitation = self.invitations.read_token(study, token)
         except StudyError as error:
             raise StageError(UNREADABLE) from error
         if invitation is None:
             raise StageError(WRONG_INVITATION)
-        if found is not None and found.consent_ms is not None:
-            if found.invitation != invitation.id:
-                raise TakenError(OTHER_INVITATION, found.id, "another invitation")
+        if returning is not None and returning.consent_ms is not None:
+            if returning.invitation != invitation.id:
+                raise TakenError(OTHER_INVITATION, returning.id, "another invitation")
             return invitation.id
-        self._check_usable(study, invitation, found)
+        self._check_usable(study, invitation, returning)
         return invitation.id
 
     def _check_usable(
-        self, study: Study, invitation: Invitation, found: Participant | None
+        self, study: Study, invitation: Invitation, returning: Participant | None
     ) -> None:
         other = self._store.consented_with_invitation(study.name, invitation.id)
-        if other is not None and (found is None or other.id != found.id):
+        if other is not None and (returning is None or other.id != returning.id):
             raise TakenError(USED, other.id, "invitation")
         if self._store.is_invitation_forgotten(study.name, invitation.id):
             raise StageError(USED)
@@ -221,41 +286,48 @@ class Recruitment:
             raise StageError(REVOKED)
 
     def _check_outside_id(
-        self, study: Study, player_id: str, comes: Arrival, found: Participant | None
+        self, study: Study, player_id: str, arrival: Arrival, returning: Participant | None
     ) -> None:
-        """Check that the first outside id and the cookie name the same person; StageError otherwise."""
+        """Check that the participant ID and the cookie name the same person.
+
+        Raises:
+            StageError: If they do not, or the ID may not take part.
+        """
         if not study.protocol.outside_ids:
             return
         name, is_panel = study.protocol.outside_ids[0], study.protocol.recruitment == "panel"
-        value = comes.outside_ids.get(name)
-        if value is None:
-            if is_panel and found is None:
+        outside_id = arrival.outside_ids.get(name)
+        if outside_id is None:
+            if is_panel and returning is None:
                 raise StageError(NO_ID)
             return
-        if found is None and is_kept_out(self._folder.path(study.name), value):
+        if returning is None and is_kept_out(self._folder.path(study.name), outside_id):
             raise StageError(KEPT_OUT.format(name=name))
-        own = None if found is None else self._store.identity(found.id, name)
-        if is_panel and study.protocol.panel_links == "signed" and own is None:
-            given, signed = read_code(comes.invitation or ""), read_code(panel_token(study, value))
-            if not hmac.compare_digest(given.encode(), signed.encode()):
+        stored_id = None if returning is None else self._store.identity(returning.id, name)
+        if is_panel and study.protocol.panel_links == "signed" and stored_id is None:
+            token = read_code(arrival.invitation or "")
+            signed = read_code(panel_token(study, outside_id))
+            if not hmac.compare_digest(token.encode(), signed.encode()):
                 raise StageError(WRONG_PANEL_LINK)
         if is_panel:
-            other = self._consented_with(study, name, value, player_id)
+            other = self._consented_with(study, name, outside_id, player_id)
         else:
-            other = self._store.participant_with_identity(study.name, name, value)
+            other = self._store.participant_with_identity(study.name, name, outside_id)
         if other is not None and other.player_id != player_id:
             raise _taken_id(name, other)
-        if found is not None and own is not None and not _same(own, value, is_panel):
-            message = f"this browser takes part for another {name} already: use another browser or a private window"
-            raise TakenError(message, found.id, "another outside id")
+        if returning is None or stored_id is None:
+            return
+        if not _is_same_id(stored_id, outside_id, is_panel):
+            message = OTHER_ID.format(name=name)
+            raise TakenError(message, returning.id, "another outside id")
 
     def _consented_with(
-        self, study: Study, name: str, value: str, player_id: str
+        self, study: Study, name: str, outside_id: str, player_id: str
     ) -> Participant | None:
-        """Return another person who has agreed with this outside id, whatever its case and spaces."""
-        for other, known in self._store.identities(study.name, name):
-            is_other = other.player_id != player_id and other.consent_ms is not None
-            if is_other and plain(known) == plain(value):
+        """Another person who has agreed with this ID, whatever its case and spaces."""
+        for other, stored_id in self._store.identities(study.name, name):
+            has_agreed = other.player_id != player_id and other.consent_ms is not None
+            if has_agreed and plain(stored_id) == plain(outside_id):
                 return other
         return None
 
@@ -266,100 +338,112 @@ class Recruitment:
             raise StageError(UNREADABLE) from error
 
 
-def panel_token(study: Study, value: str) -> str:
-    """Return the signature (60 bits) under the study's secret of a panel's id, whatever its case and spaces."""
-    return grouped(signature(study.secret, f"{study.protocol_hash}|panel|{plain(value)}", 12))
+def panel_token(study: Study, outside_id: str) -> str:
+    """The signature (60 bits) of a platform's ID, whatever its case and spaces."""
+    return grouped(signature(study.secret, f"{study.protocol_hash}|panel|{plain(outside_id)}", 12))
 
 
-def panel_link(study: Study, value: str, base: str) -> str:
-    """Return the link of a panel's id below the server's address `base`; StudyError where links are not signed or needed."""
+def panel_link(study: Study, outside_id: str, base: str) -> str:
+    """The signed link for a platform's ID.
+
+    Args:
+        base: The server's address.
+
+    Raises:
+        StudyError: If the study takes no signed links.
+    """
     protocol = study.protocol
     if not study.is_running or (protocol.recruitment, protocol.panel_links) != ("panel", "signed"):
         raise StudyError(
             f"only an open study with recruitment panel and panel_links signed takes signed ids; {study.name!r} is "
             f"{study.status}, with {protocol.recruitment} and {protocol.panel_links}"
         )
-    query = urlencode({protocol.outside_ids[0]: value, PARAMETER: panel_token(study, value)})
+    token = panel_token(study, outside_id)
+    query = urlencode({protocol.outside_ids[0]: outside_id, PARAMETER: token})
     return f"{base.rstrip('/')}/study/{study.name}?{query}"
 
 
-def _check_shapes(study: Study, comes: Arrival) -> None:
-    """StageError for a preview, and for an ID that names nobody of the platform."""
+def _check_link(study: Study, arrival: Arrival) -> None:
+    """StageError for a platform's preview, and for a value that is none of its IDs."""
     protocol = study.protocol
-    if NO_ASSIGNMENT in map(str.strip, comes.outside_ids.values()):
+    if NO_ASSIGNMENT in map(str.strip, arrival.outside_ids.values()):
         text, _, _ = protocol.consent.text.partition("\n\n")
-        raise StageError(PREVIEW.format(title=protocol.title, text=text))
+        study_title = own_sentence("title", protocol.title)
+        raise StageError(PREVIEW.format(title=study_title, text=Sentence(OPENING, text)))
     for name in protocol.outside_ids:
-        if name in comes.repeated:
+        if name in arrival.repeated:
             raise StageError(REPEATED.format(name=name))
-        value = comes.outside_ids.get(name)
-        if value is None:
+        outside_id = arrival.outside_ids.get(name)
+        if outside_id is None:
             continue
-        if len(value) > LONGEST_ID:
-            raise StageError(TOO_LONG.format(name=name))
-        if not plain(value):
+        if len(outside_id) > LONGEST_ID:
+            raise StageError(TOO_LONG.format(name=name, most=LONGEST_ID))
+        if not plain(outside_id):
             raise StageError(EMPTY.format(name=name))
-        if is_unfilled(value):
-            raise StageError(UNFILLED.format(value=value.strip(), name=name))
-        if not fits(protocol.platform, name, value):
+        if is_unfilled(outside_id):
+            raise StageError(UNFILLED.format(value=outside_id.strip(), name=name))
+        if not fits(protocol.platform, name, outside_id):
             title = PLATFORMS[protocol.platform].title
             raise StageError(MISSHAPEN.format(name=name, platform=title))
 
 
-def _same(one: str, other: str, is_panel: bool) -> bool:
+def _is_same_id(one: str, other: str, is_panel: bool) -> bool:
     return plain(one) == plain(other) if is_panel else one == other
 
 
 def _taken_id(name: str, other: Participant) -> TakenError:
-    message = f"someone has joined with this {name} in another browser: go on there, or write to whoever invited you"
-    return TakenError(message, other.id, "outside id")
+    return TakenError(TAKEN_ID.format(name=name), other.id, "outside id")
 
 
 MAX_WRONG_CODES = 10
-"""Wrong codes of one participant after which no code of theirs is looked at."""
+"""After so many wrong codes, no further code of a participant is checked."""
 
 _WRONG_CODE = "wrong_code"
 """Kind of the stage event of a wrong code."""
 
-_LENGTH = 8  # 40 bits
+_LENGTH = 8
+"""Characters of the operator's code: 40 bits."""
 DAY_MS = 86_400_000
 
 
 def code_of(study: Study, now_ms: int) -> str:
-    """Return the operator's code of the UTC day that `now_ms` lies in, such as `7K3M-XWT5`."""
+    """The operator's code of the UTC day of `now_ms`, such as `7K3M-XWT5`."""
     day = datetime.fromtimestamp(now_ms / 1000, UTC).date().isoformat()
     return grouped(signature(study.secret, f"{study.protocol_hash}|supervise|{day}", _LENGTH))
 
 
 def valid_until_ms(now_ms: int) -> int:
-    """Return when the code of this day ends to be valid: at the end of the following UTC day."""
+    """Until when the day's code is valid: the end of the following UTC day."""
     day = datetime.combine(datetime.fromtimestamp(now_ms / 1000, UTC), datetime.min.time(), UTC)
     return int((day + timedelta(days=2)).timestamp() * 1000)
 
 
 def supervised_until_ms(participant: Participant) -> int | None:
-    """Return when the participant's supervision lapses or lapsed; None when the operator's code was never typed."""
+    """When the participant's supervision lapses; None if it never began."""
     typed_ms = participant.supervised_ms
     return None if typed_ms is None else typed_ms + SUPERVISED_FOR_MS
 
 
 def is_code(study: Study, typed: str, now_ms: int) -> bool:
-    """Return whether somebody typed the operator's code of this UTC day or of the one before."""
-    given = read_code(typed).encode()
-    codes = [read_code(code_of(study, at)).encode() for at in (now_ms, now_ms - DAY_MS)]
-    return any(hmac.compare_digest(given, code) for code in codes)
+    """Whether somebody typed the operator's code of this UTC day or of the day before."""
+    typed_code = read_code(typed).encode()
+    codes = [read_code(code_of(study, ms)).encode() for ms in (now_ms, now_ms - DAY_MS)]
+    return any(hmac.compare_digest(typed_code, code) for code in codes)
 
 
 def supervise(
     study_store: StudyStore, study: Study, participant: Participant, typed: str, now_ms: int
 ) -> None:
-    """Note that the operator typed their code for a person; StageError for a wrong one, which is noted too."""
+    """Note that the operator typed their code for a participant.
+
+    Raises:
+        StageError: For a wrong code, which is noted too.
+    """
     if participant.kind != "human":
         raise StageError("only a person's session can be supervised")
     if study_store.count_stage_events(participant.id, _WRONG_CODE) >= MAX_WRONG_CODES:
-        what = "no code is looked at any more, go on without one"
-        raise StageError(f"{MAX_WRONG_CODES} wrong codes were typed here: {what}")
+        raise StageError(NO_MORE_CODES.format(most=MAX_WRONG_CODES))
     if not is_code(study, typed, now_ms):
         study_store.add_stage_event(participant.id, now_ms, _WRONG_CODE, {})
-        raise StageError("this is not the operator's code of today: ask the operator to type it")
+        raise StageError(WRONG_OPERATOR_CODE)
     study_store.note_supervised(participant.id, now_ms)

@@ -42,7 +42,7 @@ def _can_come(protocol: Protocol, outcome: Outcome) -> bool:
         Outcome.UNFIT_DEVICE: protocol.device != "any",
         Outcome.OVER_QUOTA: protocol.cap is not None,
         Outcome.FAILED_QUESTIONS: protocol.question_tries is not None,
-        Outcome.FAILED_PRACTICE: practice is not None and practice.then == "screen_out",
+        Outcome.FAILED_PRACTICE: practice is not None and practice.if_failed == "screen_out",
         Outcome.FAILED_ATTENTION: protocol.attention_limit is not None,
     }.get(outcome, True)
 
@@ -63,7 +63,7 @@ def _latest_min(protocol: Protocol, outcome: Outcome) -> float:
 
 def attention_cautions(protocol: Protocol) -> Iterator[str]:
     """Yield a sentence where attention checks are asked that no rule reads."""
-    if any("most_missed_checks" in rules for rules in protocol.rule_sets):
+    if any("max_missed_checks" in rules for rules in protocol.rule_sets):
         return
     is_early_read = protocol.attention_limit is not None
     read_by_none = [at for at in POSITIONS if not (is_early_read and at in EARLY_POSITIONS)]
@@ -72,7 +72,7 @@ def attention_cautions(protocol: Protocol) -> Iterator[str]:
         checks = counted(unread, "attention check is", "attention checks are")
         yield (
             f"{checks} read by no rule, so that missing one means nothing: give flags or an exclusion set the rule "
-            "most_missed_checks, or take the question out"
+            "max_missed_checks, or take the question out"
         )
 
 

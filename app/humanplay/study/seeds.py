@@ -1,4 +1,6 @@
-"""The terrains of a study or a day: seeds that follow from a secret, which a commitment binds before anybody has played.
+"""Seeds of a study's or a day's terrains, which follow from a secret.
+
+A commitment binds the secret before anybody has played.
 
 Nobody can choose or foresee a seed without the secret; once it is told, at the closing of the study or the end of the day,
 anybody can draw them again.
@@ -16,31 +18,38 @@ TUTORIAL_SEED = 1
 
 
 def commitment(secret: bytes) -> str:
-    """Return SHA-256 (hex) of the secret: published before anybody plays, checked against the secret afterwards."""
+    """SHA-256 (hex) of the secret: published before anybody plays, checked afterwards."""
     return hashlib.sha256(secret).hexdigest()
 
 
 def seed(secret: bytes, protocol_hash: str, label: SeedLabel, i: int) -> int:
-    """Return the seed of terrain i (from 0): the first 53 bits of HMAC-SHA256(secret, "hash|label|i"), 0..2^53-1."""
+    """The seed of terrain i (from 0), 0..2^53-1.
+
+    It is the first 53 bits of HMAC-SHA256(secret, "hash|label|i").
+    """
     return int.from_bytes(_hmac(secret, f"{protocol_hash}|{label}|{i}")[:8], "big") >> 11
 
 
 def balanced_order(
     secret: bytes, protocol_hash: str, group: str, number: int, ranked: int
 ) -> list[int]:
-    """Return the order of the ranked terrains 0..ranked-1 for the participant who is `number` (from 0) in their group.
+    """The order of the ranked terrains 0..ranked-1 for one participant.
 
-    Each `ranked` participants in turn take the rows of one Latin square, so each terrain comes equally often at each position;
-    for an even number of terrains each also follows each other one equally often (Williams 1949, Aust. J. Sci. Res. A 2(2)).
-    Rows and labels are permuted by HMAC, anew for each square and group: without the secret nobody can foresee an order.
+    Each `ranked` participants in turn take the rows of one Latin square, so each terrain comes
+    equally often at each position. With an even number of terrains, each also follows each other one
+    equally often (Williams 1949, Aust. J. Sci. Res. A 2(2)). Rows and labels are permuted by HMAC,
+    anew for each square and group: without the secret nobody can foresee an order.
 
-    group  `order_group`; scripts have squares of their own, so that they unbalance nothing, and so has each arm
+    Args:
+        group: `order_group`. Scripts have squares of their own, and so has each arm: otherwise they
+            would unbalance others' terrains.
+        number: The participant's number in the group, from 0.
     """
     square, place = divmod(number, ranked)
-    named = f"{protocol_hash}|square|{group}|{square}"
+    prefix = f"{protocol_hash}|square|{group}|{square}"
     rows, labels = (
-        sorted(range(ranked), key=lambda i: _hmac(secret, f"{named}|{what}|{i}"))
-        for what in ("row", "label")
+        sorted(range(ranked), key=lambda i: _hmac(secret, f"{prefix}|{permuted}|{i}"))
+        for permuted in ("row", "label")
     )
     # 0, 1, n-1, 2, n-2, ...
     zigzag = [(1 + i) // 2 if i % 2 else (ranked - i // 2) % ranked for i in range(ranked)]

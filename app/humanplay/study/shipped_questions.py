@@ -1,4 +1,4 @@
-"""The blocks of questions that come with the software, which a protocol takes by name and may change."""
+"""The shipped blocks of questions, which a protocol names and may change."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ BLOCKS: dict[str, dict[str, object]] = {
                 "tells": "demographics",
                 "question": "How old are you?",
                 "needed": True,
-                "least": 18,
-                "most": 110,
+                "minimum": 18,
+                "maximum": 110,
                 "unit": "years",
             },
             {
@@ -157,7 +157,7 @@ BLOCKS: dict[str, dict[str, object]] = {
                 "name": "which_tool",
                 "tells": "tools",
                 "question": "If so: which one, and for what?",
-                "most": 500,
+                "max_length": 500,
             },
             {
                 "kind": "text",
@@ -165,7 +165,7 @@ BLOCKS: dict[str, dict[str, object]] = {
                 "tells": "explanations",
                 "question": "How did you decide where to go? What helped you?",
                 "long": True,
-                "most": 2000,
+                "max_length": 2000,
             },
         ],
     },
@@ -193,7 +193,7 @@ BLOCKS: dict[str, dict[str, object]] = {
                 "name": "remark",
                 "question": "Is there anything else that you want to say about the study?",
                 "long": True,
-                "most": 2000,
+                "max_length": 2000,
             }
         ],
     },
@@ -202,13 +202,18 @@ BLOCKS: dict[str, dict[str, object]] = {
 
 
 def with_shipped(blocks: object) -> object:
-    """Blocks as a protocol gives them, with the shipped one in place of each name; ValueError for another name."""
+    """A protocol's blocks, with shipped ones in place of their names.
+
+    Raises:
+        ValueError: For an unknown name.
+    """
     if not isinstance(blocks, (list, tuple)):
         return blocks
-    return [_shipped(block) if isinstance(block, str) else block for block in blocks]
+    return [shipped(block) if isinstance(block, str) else block for block in blocks]
 
 
-def _shipped(name: str) -> Mapping[str, object]:
+def shipped(name: str) -> Mapping[str, object]:
+    """The block that is shipped under a name; ValueError if none is."""
     if name not in BLOCKS:
         raise ValueError(f"no block is shipped as {name!r}: there are {', '.join(BLOCKS)}")
     return {"name": name.replace("-", "_"), **BLOCKS[name]}

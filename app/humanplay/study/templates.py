@@ -1,20 +1,23 @@
-"""Texts of a draft are templates: `{ranked}` stands for the protocol's own number, so a text cannot promise another study.
+"""A draft's texts are templates: `{ranked}` stands for a number of the protocol.
 
-Freezing fills them in and writes the filled texts, which are what participants read; a frozen text is never filled again.
-A number written by hand beside a word for episodes is refused, because editing the protocol would leave it behind.
+So a text cannot promise another study. Freezing fills the texts in and writes what participants read;
+a frozen text is never filled in again. A number written by hand beside a word for episodes is refused,
+because it would stay when the protocol is edited.
 """
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from string import Formatter
 
 from humanplay.study.practice import criterion
 from humanplay.study.protocol import Protocol, StudyError, parse_protocol
 from humanplay.study.questions import Block
 from humanplay.study.screening import playing_minutes
+from humanplay.study.wording import Wording
+from humanplay.task.sentences import Sentence
 
 PLACEHOLDERS = {
     "name": "the study's name",
@@ -39,9 +42,9 @@ PLACEHOLDERS = {
 }
 """What a text may name in braces, and what it stands for. `{{` and `}}` are braces themselves."""
 
-_PARTS = ("title", "consent", "questions", "arms", "blocks")
+TEXT_PARTS = ("title", "consent", "questions", "arms", "blocks")
 """The fields of a protocol that hold texts."""
-_TEXTS = (
+TEXT_FIELDS = (
     *("text", "instructions", "hint", "questions", "title", "about", "intro", "question"),
     *("choices", "why", "rows", "points", "low", "high", "unit"),
 )
@@ -72,56 +75,75 @@ _ONE_OF_MANY = re.compile(
 """What a filled-in 1 leaves in the plural."""
 
 
-def fill(protocol: Protocol) -> Protocol:
-    """Return the protocol with every text filled in; StudyError where a text names what there is not, or a number by hand."""
-    values = placeholder_values(protocol)
+def fill(protocol: Protocol, wording: Wording | None = None) -> Protocol:
+    """The protocol with every text filled in.
+
+    Args:
+        wording: Of the language that the texts are in; None: English.
+
+    Raises:
+        StudyError: If a text has an unknown placeholder, or counts episodes by hand.
+    """
+    values = placeholder_values(protocol, wording)
+
+    def filled_in(path: str, text: str) -> str:
+        _check_numbers(path, text)
+        return _text_filled(path, text, values)
+
     fields = protocol.model_dump(mode="json")
-    texts = {part: _part_filled(part, fields[part], values) for part in _PARTS}
+    texts = {part: changed_texts(part, fields[part], filled_in) for part in TEXT_PARTS}
     return parse_protocol({**fields, **texts})
 
 
-def _part_filled(part_name: str, content: object, values: dict[str, str]) -> object:
-    """Return a part of the protocol with the texts in it filled in."""
+def changed_texts(path: str, content: object, change: Callable[[str, str], str]) -> object:
+    """A part of a protocol, as JSON, with each text in it changed.
+
+    Args:
+        path: Where the part stands, as in `questions[0].choices[1]`.
+        change: Is called with where a text stands, and the text.
+    """
     if isinstance(content, list):
         return [
-            _part_filled(f"{part_name}[{place}]", part, values)
-            for place, part in enumerate(content)
+            changed_texts(f"{path}[{place}]", part, change) for place, part in enumerate(content)
         ]
     if isinstance(content, dict):
         texts = {
-            name: _part_filled(f"{part_name}.{name}", part, values)
+            name: changed_texts(f"{path}.{name}", part, change)
             for name, part in content.items()
-            if name in _TEXTS
+            if name in TEXT_FIELDS
         }
         return {**content, **texts}
-    if isinstance(content, str):
-        _check_numbers(part_name, content)
-        return _text_filled(part_name, content, values)
-    return content
+    return change(path, content) if isinstance(content, str) else content
 
 
 def filled(text: str, protocol: Protocol) -> str:
-    """Return a text that goes with a study, its placeholders filled in; `{title}` is the study's title."""
+    """A text that goes with a study, filled in; `{title}` is the study's title."""
     values = placeholder_values(protocol)
     title = _text_filled("title", protocol.title, values)
     return _text_filled("the text", text, {**values, "title": title})
 
 
-def placeholder_values(protocol: Protocol) -> dict[str, str]:
-    """Return what each placeholder becomes in this protocol."""
+def placeholder_values(protocol: Protocol, wording: Wording | None = None) -> dict[str, str]:
+    """Placeholder -> what it becomes in this protocol.
+
+    Args:
+        wording: Of the language that the texts are in; None: English.
+    """
     config = protocol.env_config
+    say = str if wording is None else wording.say
+    practice = say(criterion(protocol, wording))
     values: dict[str, object] = {
-        "name": protocol.name,
+        "name": protocol.dry_run_of or protocol.name,
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,
         "episodes": protocol.warm_up + protocol.ranked,
-        "practice": f" {text}" if (text := criterion(protocol)) else "",
+        "practice": f" {practice}" if practice else "",
         "break_every": protocol.break_every,
         "pause_after": f"{protocol.pause_after_s:g}",
         "minutes": 5 + 5 * max(1, round(playing_minutes(protocol) / 5)),
         "questions": protocol.question_count,
         "players": protocol.players,
-        "asked": _asked(protocol.blocks),
+        "asked": say(_asked(protocol.blocks)),
         "licence": protocol.data_licence,
         "contact": protocol.declarations.contact or "TODO",
         "retention": protocol.declarations.retention or "TODO",
@@ -135,14 +157,17 @@ def _asked(blocks: Sequence[Block]) -> str:
     """What the consent text says of the blocks."""
     if not blocks:
         return ""
-    *first, last = [block.about for block in blocks]
-    listed = f"{', '.join(first)}, and {last}" if first else last
-    published = "How many people gave which answer will be published."
-    return f" We also ask about {listed}; you may leave a question out, or prefer not to say. {published}"
+    listed = "; ".join(block.about for block in blocks)
+    return Sentence(
+        "consent.asked",
+        " We also ask about {listed}. You may leave a question out, or prefer not to say. How many people gave which "
+        "answer will be published.",
+        listed=listed,
+    )
 
 
 def _text_filled(part_name: str, text: str, values: dict[str, str]) -> str:
-    """Return a text with its placeholders filled in."""
+    """A text with its placeholders filled in."""
     parts = []
     try:
         for literal, name, form, conversion in Formatter().parse(text):
@@ -169,7 +194,7 @@ def _value(part_name: str, name: str, values: dict[str, str]) -> str:
 
 
 def _check_numbers(part_name: str, text: str) -> None:
-    """Check that no number of episodes is written by hand; StudyError otherwise."""
+    """StudyError if a number of episodes is written by hand."""
     for match in _BY_HAND.finditer(text):
         number = match["number"]
         if number.isdigit() and int(number) < 2:

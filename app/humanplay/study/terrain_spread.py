@@ -1,4 +1,4 @@
-"""How far terrains lie apart for a study's policies: the policies are played on terrains that are not the study's.
+"""How much terrains differ for a study's policies, played on other terrains.
 
 What was played is kept in the folder of studies, by the policy's file and code, the configuration and
 the version of the rules, so that the next study of the same kind need not play again.
@@ -25,7 +25,7 @@ FOLDER = "played"
 
 
 def terrain_sd(protocol: Protocol, studies: Path, advance: Progress) -> float | None:
-    """The largest standard deviation over terrains of a tested policy's values; None without one.
+    """Largest standard deviation over terrains of a tested policy; None without one.
 
     People are taken to be alike on all terrains, so that it is that of policy minus people.
 
@@ -53,7 +53,7 @@ def terrain_sd(protocol: Protocol, studies: Path, advance: Progress) -> float | 
 
 
 def _file_of(protocol: Protocol, policy: str, folder: Path) -> Path | None:
-    """The file of what a policy has played; None for code of which nobody knows whether it changed."""
+    """The cache file of a policy's episodes; None for code that may have changed."""
     environment = protocol.environment
     digest = environment.policies.hash_with_code(policy)
     if digest is None:

@@ -1,33 +1,36 @@
-"""The words a new study begins with: templates (`humanplay.study.templates`) that a researcher edits before freezing."""
+"""The texts of a new study, which the researcher edits before freezing.
+
+They are templates of `humanplay.study.templates`.
+"""
 
 from __future__ import annotations
 
 RECRUITMENT = """\
 {title}
 
-We are looking for {players} people to take part in a study, in a browser, with a keyboard or a touch screen.
+We are looking for {players} people to take part in a study, in a browser. Nothing has to be installed.
 
-- It takes about {minutes} minutes, with breaks whenever you like: practice ({warm_up}), then what counts ({ranked}).
-  Nothing has to be installed.
-- Anybody may take part who: TODO, as under recruitment_criteria in protocol.json
+- It takes about {minutes} minutes, with breaks whenever you like.
+- Anybody may take part who: TODO, as under recruitment_criteria in protocol.toml
 - You get: TODO, as under testing_compensation
 - We record your moves and keys in the game, under a pseudonym. You may stop at any time and need give no reason.
 - To take part, or to ask: TODO, name and address
-
-Each link is for one person: please do not pass it on.
 """
-"""What people are asked to take part with."""
+"""What people are asked to take part with; freezing fills it in."""
+
+ONE_EACH = "\nEach link is for one person: please do not pass it on.\n"
+"""Its end, if links are single-use or signed."""
 
 CHECKLIST = """\
 # Operator's checklist: {name}
 
 ## Before anybody is asked
-- [ ] `protocol.json`: every declaration answered, which puts name and address into the consent text; read by the ethics board
-- [ ] `recruitment.txt`: every TODO replaced
-- [ ] Rehearsal under another name: `humanplay study new rehearsal --declarations FILE`, where FILE is the `rehearsal.json`
+- [ ] `humanplay study check {name}` has nothing left to write into `protocol.toml`; consent text read by the ethics board
+- [ ] `recruitment.txt`: every TODO replaced; freezing fills in what stands in braces
+- [ ] Rehearsal under another name: `humanplay study new rehearsal --declarations FILE`, where FILE is the `rehearsal.toml`
       beside this list, `humanplay study freeze rehearsal`, `humanplay serve`, and beside it
-      `humanplay simulate --study rehearsal --participants 3 --speed 200`. It prints the minutes a participant took.
-      The texts promise {minutes}; synthetic players do not stop to think.
+      `humanplay simulate --study rehearsal --participants 3 --speed 200`. It prints the minutes a participant took:
+      compare them with those of the consent text. Synthetic players do not stop to think.
 - [ ] Walk through it once yourself, on the screen that people will use
 
 ## Fix it
@@ -35,16 +38,18 @@ CHECKLIST = """\
 - [ ] `humanplay study preregister {name} --out {name}.md`, and register it: protocol hash and commitment are in it
 - [ ] A copy of the study's folder in a safe place: whoever reads `secret` knows every instance
 
-## Let {players} people in
+## Let people in
 - [ ] Backups run (docs/deploy.md), and one was restored
-- [ ] `humanplay serve --admin --public-url https://...`, then `humanplay study invite {name} {players}` for the links
+- [ ] `humanplay serve --admin --public-url https://...`; people get the address that freezing printed or, by invitation,
+      links of `humanplay study invite {name}`
 - [ ] Every day: `/admin` for deviations and for who is quiet; `humanplay verify`, and write down the head it prints
 - [ ] Whoever wants to be erased: `humanplay forget`
 
 ## Close it
 - [ ] `humanplay study close {name}`, when the last person is through
 - [ ] `humanplay report --study {name} --html {name}.html`
-- [ ] `humanplay release`, and another machine derives it again with `humanplay reproduce`
+- [ ] `humanplay study payments {name}`; once everybody is paid, `humanplay study unlink {name}`
+- [ ] `humanplay release --study {name}`, and another machine derives it again with `humanplay reproduce`
 """
 """What an operator does from the draft to the figure, on one page."""
 

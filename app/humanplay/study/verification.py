@@ -1,7 +1,8 @@
-"""Every finished episode of a database simulated again, every entry of its chain made again: whatever differs, by name.
+"""What in a database differs from what its causes give.
 
-That proves the file consistent: what it says happened is what its causes give. It cannot prove who made it; the signature
-of a release does that for whoever knows the key.
+Every finished episode is simulated again, and every entry of the chain is computed again. That
+proves the file consistent. It cannot prove who wrote the file: the signature of a release does, to
+anybody who knows the key.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from humanplay.board.attestation import COPIED, Conditions, attest, key_map_of
 from humanplay.board.controls import controls_of
@@ -60,13 +61,14 @@ EPISODES_PER_TASK = 200
 
 @dataclass(frozen=True)
 class Verification:
-    """What a verification came to.
+    """The result of a verification.
 
-    episodes, moves   simulated
-    still_open        unfinished episodes, not simulated
-    findings          what differs; empty when all is well
-    chain             what the chain is; None where none was read
-    since             what came after an earlier head, where one was given and found
+    Attributes:
+        episodes, moves: Simulated.
+        still_open: Unfinished episodes, which are not simulated.
+        findings: What differs; empty if nothing does.
+        chain: Its length and head; None if no chain was read.
+        since: What came after the earlier head that was asked for.
     """
 
     episodes: int
@@ -90,21 +92,25 @@ def verify_database(
     study: str | None = None,
     head: str | None = None,
 ) -> Verification:
-    """Verify a database; StoreError when it is not one of ours.
+    """Verify a database.
 
-    advance   called with (episodes simulated, of how many)
-    secrets   of studies that are still open, where they are known; closed ones hold theirs
-    study     only this study's episodes and participants
-    head      an earlier head that must be in the chain (hex)
+    Args:
+        advance: Called with the episodes that are simulated, and their number.
+        secrets: Study -> its secret, of open studies. Closed ones have theirs in the database.
+        study: Verify only this study's episodes and participants.
+        head: An earlier head that must be in the chain (hex).
+
+    Raises:
+        StoreError: If it is no database of the playground.
     """
     with reading(path) as conn:
-        result = verify_moment(conn, path, advance, secrets, study)
+        verification = verify_moment(conn, path, advance, secrets, study)
         since = None if head is None else find_head(conn, head)
     if head is not None and since is None:
         gone = "no entry with it: taken away, made anew, or of another database"
         lost = Finding("chain", "the head given", head, gone)
-        return replace(result, findings=(*result.findings, lost))
-    return replace(result, since=since)
+        return replace(verification, findings=(*verification.findings, lost))
+    return replace(verification, since=since)
 
 
 def verify_moment(
@@ -114,18 +120,20 @@ def verify_moment(
     secrets: Mapping[str, bytes] | None = None,
     study: str | None = None,
 ) -> Verification:
-    """Verify a database as the connection sees it; the other parameters are those of `verify_database`."""
+    """Verify a database as a connection sees it; else as `verify_database`."""
     for task in checks.tasks(conn):
-        with suppress(ValueError):  # found with the episodes that name it
-            environment_of(task).prepare()  # which is no part of the rate
-    began = time.monotonic()
+        # an unknown task is a finding of the episodes that name it
+        with suppress(ValueError):
+            environment_of(task).prepare()
+    # the seconds are those of the simulation, without what an environment needs to start
+    started_s = time.monotonic()
     findings: list[Finding] = []
     moves = done = 0
     episodes = checks.finished_episodes(conn, study)
-    for checked, made, found in _check_episodes(path, conn, episodes):
-        moves += made
-        done += checked
-        findings += found
+    for part in _check_episodes(path, conn, episodes):
+        moves += part.moves
+        done += part.episodes
+        findings += part.findings
         advance(done, len(episodes))
     findings += checks.check_entries(conn, study)
     findings += check_series(conn, secrets or {}, study)
@@ -134,54 +142,61 @@ def verify_moment(
     if study is None:
         findings += checks.check_owners(conn)
         findings += volunteers.differences(conn)
-    # another version is no tampering: whether a row was changed is said before that
-    findings.sort(key=lambda each: each.what == "core_version")
+    # another version is no tampering: it is named after all that may be
+    findings.sort(key=lambda finding: finding.what == "core_version")
     still_open = checks.count_unfinished(conn, study)
-    seconds = time.monotonic() - began
+    seconds = time.monotonic() - started_s
     state = chain_state(conn)
     return Verification(len(episodes), moves, still_open, tuple(findings), seconds, state)
 
 
 def check_policy_files(folder: Folder, names: Iterable[str]) -> Iterator[Finding]:
-    """Yield what is wrong with the kept files of some frozen studies' policies."""
+    """Find stored files of frozen studies' policies that were changed or lost."""
     for study in map(folder.study, names):
         if study.protocol.policy_hashes:
-            for path, found, recorded in study.policy_files.damaged():
+            for path, present, recorded in study.policy_files.damaged():
                 wanted = f"{recorded} when the study was frozen"
-                yield Finding(f"file {path}", "sha256", wanted, found or "no such file")
+                yield Finding(f"file {path}", "sha256", wanted, present or "no such file")
+
+
+class _CheckedPart(NamedTuple):
+    """How many episodes and moves were simulated, and what differs in them."""
+
+    episodes: int
+    moves: int
+    findings: list[Finding]
 
 
 def _check_episodes(
     path: Path, conn: sqlite3.Connection, episodes: Sequence[str]
-) -> Iterator[tuple[int, int, list[Finding]]]:
-    """Yield (episodes, moves, findings) part by part, from several processes where there are many episodes.
+) -> Iterator[_CheckedPart]:
+    """Simulate episodes, in several processes if there are many.
 
-    Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for.
+    A process reads the database itself, perhaps at a later moment than `conn`. A finished episode
+    does not change; if one was changed, that is a finding at either moment.
     """
     if len(episodes) < PARALLEL_FROM or cores() == 1:
         for ident in episodes:
-            yield (1, *_check_episode(conn, ident))
+            yield _check_episode(conn, ident)
         return
-    each = EPISODES_PER_TASK
-    tasks = [tuple(episodes[at : at + each]) for at in range(0, len(episodes), each)]
+    starts = range(0, len(episodes), EPISODES_PER_TASK)
+    tasks = [tuple(episodes[start : start + EPISODES_PER_TASK]) for start in starts]
     with Jobs(min(cores(), len(tasks))) as jobs:
         yield from jobs.map(_run_task, itertools.repeat(path), tasks)
 
 
-def _check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:
-    """Return the moves of a finished episode and what is wrong with it."""
+def _check_episode(conn: sqlite3.Connection, ident: str) -> _CheckedPart:
     episode = checks.check_episode(conn, ident)
-    return len(episode.steps), [*episode.findings, *check_attestation(conn, episode)]
+    findings = [*episode.findings, *check_attestation(conn, episode)]
+    return _CheckedPart(1, len(episode.steps), findings)
 
 
-def _run_task(path: Path, episodes: Sequence[str]) -> tuple[int, int, list[Finding]]:
-    moves, findings = 0, []
+def _run_task(path: Path, episodes: Sequence[str]) -> _CheckedPart:
     with reading(path) as conn:
-        for ident in episodes:
-            made, found = _check_episode(conn, ident)
-            moves += made
-            findings += found
-    return len(episodes), moves, findings
+        parts = [_check_episode(conn, ident) for ident in episodes]
+    moves = sum(part.moves for part in parts)
+    findings = [finding for part in parts for finding in part.findings]
+    return _CheckedPart(len(episodes), moves, findings)
 
 
 Level = tuple[str | None, str | None]
@@ -189,8 +204,13 @@ Level = tuple[str | None, str | None]
 
 
 @dataclass(frozen=True)
-class _Expected:
-    """What the episodes of a series are checked against; `key`, which the seeds follow from, is None where it is not known."""
+class _Expectation:
+    """What the episodes of a series must fit.
+
+    Attributes:
+        config_hash: Of every episode's configuration.
+        key: The secret from which the seeds follow; None if it is unknown.
+    """
 
     series: SeriesRow
     config_hash: str
@@ -200,9 +220,11 @@ class _Expected:
 def check_series(
     conn: sqlite3.Connection, secrets: Mapping[str, bytes], only: str | None = None
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the studies and daily terrains of a database, and with what people were given to play.
+    """Check studies and daily terrains, and what people got to play in them.
 
-    secrets  of open studies, where they are known
+    Args:
+        secrets: Study -> its secret, of open studies.
+        only: Name of the one study to check.
     """
     for row in series(conn, only):
         yield from _check_series(conn, row, secrets)
@@ -211,40 +233,39 @@ def check_series(
 def _check_series(
     conn: sqlite3.Connection, row: SeriesRow, secrets: Mapping[str, bytes]
 ) -> Iterator[Finding]:
-    where = f"{row.kind} {row.name}"
+    subject = f"{row.kind} {row.name}"
+    # 1. what was fixed before anybody played
     try:
-        data = json.loads(row.protocol)
-        found = hashlib.sha256(canonical_json(data)).hexdigest()
-        of = parse_protocol(data) if row.kind == "study" else DailyTerrain.of(row)
-        config = of.env_config if isinstance(of, Protocol) else of.config
-        secret = _secret(row, secrets)
+        fields = json.loads(row.protocol)
+        protocol_hash = hashlib.sha256(canonical_json(fields)).hexdigest()
+        rules = parse_protocol(fields) if row.kind == "study" else DailyTerrain.of(row)
+        config = rules.env_config if isinstance(rules, Protocol) else rules.config
+        secret = bytes.fromhex(row.secret) if row.secret else secrets.get(row.name)
     except (ValueError, TypeError, KeyError, StudyError) as error:
-        yield Finding(where, "protocol or secret", "something unreadable", str(error))
+        yield Finding(subject, "protocol or secret", "something unreadable", str(error))
         return
-    if found != row.protocol_hash:
-        yield Finding(where, "protocol_hash", row.protocol_hash, found)
-    if secret is not None and (bound := seeds.commitment(secret)) != row.commitment:
+    if protocol_hash != row.protocol_hash:
+        yield Finding(subject, "protocol_hash", row.protocol_hash, protocol_hash)
+    if secret is not None and (commitment := seeds.commitment(secret)) != row.commitment:
         of_folder = (
             ""
             if row.secret
             else " in the folder beside the database, which may be another server's"
         )
-        yield Finding(where, "commitment", row.commitment, f"{bound} from the secret{of_folder}")
-    expected = _Expected(row, config.hash, secret)
-    if isinstance(of, Protocol):
-        yield from _check_participants(conn, of, expected)
+        from_secret = f"{commitment} from the secret{of_folder}"
+        yield Finding(subject, "commitment", row.commitment, from_secret)
+    # 2. what people played
+    expected = _Expectation(row, config.hash, secret)
+    if isinstance(rules, Protocol):
+        yield from _check_participants(conn, rules, expected)
     else:
-        yield from _check_attempts(conn, of, expected)
-
-
-def _secret(row: SeriesRow, secrets: Mapping[str, bytes]) -> bytes | None:
-    return bytes.fromhex(row.secret) if row.secret else secrets.get(row.name)
+        yield from _check_attempts(conn, rules, expected)
 
 
 def _check_participants(
-    conn: sqlite3.Connection, protocol: Protocol, expected: _Expected
+    conn: sqlite3.Connection, protocol: Protocol, expected: _Expectation
 ) -> Iterator[Finding]:
-    """Yield what is wrong with a study's participants: when they joined, and their episodes."""
+    """Check when participants joined, their arms, and their episodes."""
     frozen_ms = expected.series.frozen_ms
     for participant, joined_ms in participants_of(conn, expected.series.name):
         if joined_ms < frozen_ms:
@@ -263,10 +284,10 @@ def _check_participants(
 def _check_missed(
     conn: sqlite3.Connection, participant: str, protocol: Protocol
 ) -> Iterator[Finding]:
-    """Yield that somebody missed other attention checks than was noted.
+    """Check the attention checks that a participant was noted to have missed.
 
-    Of a participant without any answer the skipped blocks alone are checked: the others' answers were erased, or a
-    release left them out.
+    Without any answer of the participant only skipped blocks are checked: the answers to the others
+    were erased, or a release left them out.
     """
     answers = answers_of(conn, participant)
     blocks = {block.name: block for block in protocol.blocks}
@@ -280,25 +301,27 @@ def _check_missed(
         block, is_skipped = blocks[name], bool(detail.get("skipped"))
         if not block.attention_checks or not (answers or is_skipped):
             continue
-        its = {
-            asked: answer for (of, at, asked), answer in answers.items() if (of, at) == (name, turn)
+        block_answers = {
+            question: answer
+            for (answered_block, answered_turn, question), answer in answers.items()
+            if (answered_block, answered_turn) == (name, turn)
         }
-        if noted != (missed := missed_in(block, its)):
+        if noted != (missed := missed_in(block, block_answers)):
             yield Finding(person, f"missed attention checks in {name}", noted, missed)
 
 
 def _check_attempts(
-    conn: sqlite3.Connection, terrain: DailyTerrain, expected: _Expected
+    conn: sqlite3.Connection, terrain: DailyTerrain, expected: _Expectation
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the attempts at a day's terrain."""
-    began, ended = terrain.series.frozen_ms, terrain.ends_ms
+    """Check who made the attempts at a day's terrain, and when."""
+    starts_ms, ends_ms = terrain.series.frozen_ms, terrain.ends_ms
     for row in attempts_at(conn, terrain.series.name):
-        where = f"episode {row['id']}"
+        subject = f"episode {row['id']}"
         if row["player_id"] != row["owner_id"]:
-            yield Finding(where, "player of a daily attempt", row["player_id"], row["owner_id"])
-        if not began <= row["started_ms"] < ended + START_SLACK_MS:
-            found = f"a time on {terrain.day} (UTC)"
-            yield Finding(where, "start of a daily attempt", row["started_ms"], found)
+            yield Finding(subject, "player of a daily attempt", row["player_id"], row["owner_id"])
+        if not starts_ms <= row["started_ms"] < ends_ms + START_SLACK_MS:
+            wanted = f"a time on {terrain.day} (UTC)"
+            yield Finding(subject, "start of a daily attempt", row["started_ms"], wanted)
         yield from _check_cause(row, expected)
 
 
@@ -307,27 +330,37 @@ def _ranked_order(
     participant: str,
     episodes: list[PlacedEpisode],
     protocol: Protocol,
-    expected: _Expected,
+    expected: _Expectation,
     arm: str | None,
 ) -> Generator[Finding, None, list[int] | None]:
-    """Return the order of a participant's ranked terrains, None where it is not known; yield what is wrong with its number."""
-    key, of = expected.key, expected.series.protocol_hash
+    """Check the number that gives the order of a participant's ranked terrains.
+
+    Returns:
+        The order as indices of terrains; None if it is unknown.
+    """
     if not any(row["phase"] == "ranked" for row in episodes):
         return None
     details = event_details(conn, participant, ORDER_EVENT)
     number = _number_in(details)
     if number is None:
-        where = f"participant {participant}"
-        yield Finding(where, "number in the Latin square", details, "one whole number from 0")
+        person = f"participant {participant}"
+        yield Finding(person, "number in the Latin square", details, "one whole number from 0")
+        return None
+    if expected.key is None:
         return None
     group = seeds.order_group(kind_of(conn, participant), arm)
-    return None if key is None else seeds.balanced_order(key, of, group, number, protocol.ranked)
+    protocol_hash = expected.series.protocol_hash
+    return seeds.balanced_order(expected.key, protocol_hash, group, number, protocol.ranked)
 
 
 def _arm(
-    conn: sqlite3.Connection, participant: str, protocol: Protocol, expected: _Expected
+    conn: sqlite3.Connection, participant: str, protocol: Protocol, expected: _Expectation
 ) -> Generator[Finding, None, str | None]:
-    """Return a participant's arm; yield what is wrong with their assignment."""
+    """Check a participant's assignment to an arm.
+
+    Returns:
+        The name of the arm; None if there is none.
+    """
     person = f"participant {participant}"
     details = event_details(conn, participant, ARM_EVENT)
     is_due = stage_of_assignment(protocol) in stages_of(conn, participant)
@@ -372,19 +405,23 @@ def _number_in(details: list[str]) -> int | None:
 def _check_order(
     participant: str, episodes: list[PlacedEpisode], protocol: Protocol, ranked: list[int] | None
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the numbers and terrains of a participant's episodes."""
-    where = f"participant {participant}"
+    """Check the numbers and terrains of a participant's episodes.
+
+    Args:
+        ranked: Indices of the ranked terrains in their order; None if it is unknown.
+    """
+    person = f"participant {participant}"
     for phase, count in (("warm_up", protocol.most_warm_up), ("ranked", protocol.ranked)):
         numbers = [row["trial"] for row in episodes if row["phase"] == phase]
         terrains = [row["terrain_index"] for row in episodes if row["phase"] == phase]
         if numbers != list(range(len(numbers))):
-            yield Finding(where, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
+            yield Finding(person, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
         if len(set(terrains)) < len(terrains) or not set(terrains) <= set(range(count)):
             wanted = f"each of 0..{count - 1} at most once"
-            yield Finding(where, f"{phase} instances", terrains, wanted)
+            yield Finding(person, f"{phase} instances", terrains, wanted)
         order = list(range(count)) if phase == "warm_up" else ranked
         if order is not None and terrains != order[: len(terrains)]:
-            yield Finding(where, f"order of {phase} instances", terrains, order[: len(terrains)])
+            yield Finding(person, f"order of {phase} instances", terrains, order[: len(terrains)])
 
 
 def _check_stage(
@@ -393,22 +430,23 @@ def _check_stage(
     episodes: list[PlacedEpisode],
     protocol: Protocol,
 ) -> Iterator[Finding]:
-    """Yield that a participant who came to the debrief has ended fewer ranked episodes than that takes."""
+    """Check that a participant at the debrief has ended every ranked episode."""
     ended = sum(row["phase"] == "ranked" and row["ended_ms"] is not None for row in episodes)
     if ended < protocol.ranked and {"debrief", "complete"} & stages_of(conn, participant):
         wanted = f"{protocol.ranked}, since they came to the debrief"
         yield Finding(f"participant {participant}", "ranked episodes that ended", ended, wanted)
 
 
-def _check_cause(row: PlacedEpisode, expected: _Expected) -> Iterator[Finding]:
-    """Yield what is wrong with an episode's series, its configuration, its flags and its seed."""
-    where, config_hash = f"episode {row['id']}", expected.config_hash
+def _check_cause(row: PlacedEpisode, expected: _Expectation) -> Iterator[Finding]:
+    """Check an episode's series, its configuration, its flags and its seed."""
+    subject, config_hash = f"episode {row['id']}", expected.config_hash
     if row["series"] != expected.series.name:
-        yield Finding(where, "series", row["series"], expected.series.name)
+        yield Finding(subject, "series", row["series"], expected.series.name)
     if row["config_hash"] != config_hash:
-        yield Finding(where, "config_hash", row["config_hash"], f"{config_hash} of the protocol")
+        yield Finding(subject, "config_hash", row["config_hash"], f"{config_hash} of the protocol")
     if row["seed_chosen"] or row["assisted"]:
-        yield Finding(where, "seed_chosen, assisted", (row["seed_chosen"], row["assisted"]), (0, 0))
+        flags = (row["seed_chosen"], row["assisted"])
+        yield Finding(subject, "seed_chosen, assisted", flags, (0, 0))
     seed = None
     if row["phase"] == "tutorial":
         seed = seeds.TUTORIAL_SEED
@@ -416,43 +454,51 @@ def _check_cause(row: PlacedEpisode, expected: _Expected) -> Iterator[Finding]:
         label: Literal["ranked", "warm-up"] = "ranked" if row["phase"] == "ranked" else "warm-up"
         seed = seeds.seed(expected.key, expected.series.protocol_hash, label, row["terrain_index"])
     if seed is not None and row["seed"] != seed:
-        what = f"seed of {row['phase']} instance {row['terrain_index']} (trial {row['trial']})"
-        yield Finding(where, what, row["seed"], f"{seed} from the secret")
+        seed_of = f"seed of {row['phase']} instance {row['terrain_index']} (trial {row['trial']})"
+        yield Finding(subject, seed_of, row["seed"], f"{seed} from the secret")
 
 
 def check_attestation(conn: sqlite3.Connection, episode: CheckedEpisode) -> Iterator[Finding]:
-    """Yield what is wrong with the level of a finished episode and with the reason for it.
+    """Check the level of a finished episode, and the reason for it.
 
-    That an episode's timing is another one's copy follows from rows that need not be here.
+    One reason is not checked: that the timing copies another episode, whose rows may be elsewhere.
     """
     row = episode.row
     if episode.allowed is None and _has_clock(row["task"]):
         return  # which action followed from the keys depends on what the environment allowed
     stored: Level = (row["attestation"], row["attestation_reason"])
     derive = partial(_derive_level, episode, input_of(conn, row["id"]))
-    found = derive(row["ended_ms"])
-    # what a participant chose later is asked for only where the level does not follow without it
-    if not _fits(stored, found, row["driver"]) and not _fits(stored, derive(None), row["driver"]):
-        what = _in_words(found)
+    derived = derive(row["ended_ms"])
+    # later settings of the participant only matter if the level does not follow without them
+    if not _fits(stored, derived, row["driver"]) and not _fits(stored, derive(None), row["driver"]):
+        wanted = _in_words(derived)
         if row["driver"] != "human":
-            what = f"none, since its driver is {row['driver']}, unless it is spoilt"
-        yield Finding(f"episode {row['id']}", "attestation", _in_words(stored), what)
+            wanted = f"none, since its driver is {row['driver']}, unless it is spoilt"
+        yield Finding(f"episode {row['id']}", "attestation", _in_words(stored), wanted)
 
 
-def _derive_level(episode: CheckedEpisode, given: InputOf, until_ms: int | None) -> Level:
-    """Return an episode's level and reason by its rows; what a participant chose after `until_ms` does not matter.
+def _derive_level(episode: CheckedEpisode, circumstances: InputOf, until_ms: int | None) -> Level:
+    """Derive an episode's level and reason from its rows.
 
-    Without `until_ms` everything matters: a server's clock that was set back makes an earlier choice look later.
+    Args:
+        until_ms: Ignore the settings that the participant chose later. None for no bound: after a
+            server's clock was set back, an earlier setting looks later.
     """
     try:
-        known = (s for at_ms, s in given.settings if until_ms is None or at_ms <= until_ms)
-        settings = [json.loads(detail) for detail in known]
+        settings = [
+            json.loads(detail)
+            for at_ms, detail in circumstances.settings
+            if until_ms is None or at_ms <= until_ms
+        ]
         environment = environment_of(episode.row["task"])
-        controls = controls_of(environment, settings) if environment.clock else ()
-        allowed = (episode.allowed or ()) if environment.clock else ()
-        asked = tuple(given.supervised_ms), not given.is_studys, controls, allowed
-        key_map = key_map_of(environment.keys, settings)
-        conditions = Conditions(episode.row["started_ms"], key_map, *asked)
+        conditions = Conditions(
+            started_ms=episode.row["started_ms"],
+            key_map=key_map_of(environment.keys, settings),
+            supervised_ms=tuple(circumstances.supervised_ms),
+            types_ahead=not circumstances.is_studys,
+            controls=controls_of(environment, settings) if environment.clock else (),
+            allowed=(episode.allowed or ()) if environment.clock else (),
+        )
         attested = attest(episode.steps, episode.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
         return None, f"rows that cannot be read: {error}"
@@ -460,17 +506,20 @@ def _derive_level(episode: CheckedEpisode, given: InputOf, until_ms: int | None)
 
 
 def _has_clock(task: str) -> bool:
-    """Whether a task's boards tick; False for a task that is not known here."""
+    """Whether a task's boards tick; False for an unknown task."""
     try:
         return environment_of(task).clock is not None
     except ValueError:
         return False
 
 
-def _fits(stored: Level, found: Level, driver: str) -> bool:
-    if driver != "human" and found[0] != "spoilt":
+def _fits(stored: Level, derived: Level, driver: str) -> bool:
+    """Whether an episode can have the stored level if its rows give the derived one."""
+    if driver != "human" and derived[0] != "spoilt":
         return stored == (None, None)
-    return found[0] not in (None, "unattested") if stored == ("spoilt", COPIED) else stored == found
+    if stored == ("spoilt", COPIED):
+        return derived[0] not in (None, "unattested")
+    return stored == derived
 
 
 def _in_words(level: Level) -> str:

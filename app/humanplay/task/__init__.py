@@ -1,10 +1,12 @@
-"""The seam between the playground and what is played on it: a `Task` begins runs, a `Run` steps, a `View` is what may be seen.
+"""The seam between the playground and what is played on it.
 
-An `Environment` is what a stored episode of a task needs, wherever it is read: to be replayed, checked and measured. A `Task`
-is an environment with what a server offers of it.
+A `Task` begins runs, a `Run` steps, and a `View` is what may be seen of a run. An `Environment` is
+what a stored episode needs wherever it is read: to be replayed, checked and measured. A `Task` is an
+environment with what a server offers of it.
 
-The playground knows environments by these interfaces alone; `humanplay.tasks` has one package for each. A run is a pure
-function of configuration, instance and actions, so that an episode is stored as its cause and replayed from it.
+The playground knows environments by these interfaces alone; `humanplay.tasks` has one package for
+each. A run is a pure function of configuration, instance and actions, so an episode is stored as its
+cause and replayed from it.
 """
 
 from __future__ import annotations
@@ -28,11 +30,11 @@ T = TypeVar("T")
 Arguments = TypeVarTuple("Arguments")
 
 MAX_SEED = 2**53 - 1
-"""The largest seed of an instance: every whole number up to it is one in JSON and in JavaScript."""
+"""The largest seed of an instance: JSON and JavaScript hold every whole number up to it."""
 
 
 class Configuration(Protocol):
-    """What fixes an environment but for the instance: frozen, comparable, hashable."""
+    """What fixes an environment except the instance; frozen and hashable."""
 
     # A task's own class has more than this, and the task narrows to it at its door (`own_config`).
     # With a type parameter instead, everything that holds an episode would need one too.
@@ -62,11 +64,11 @@ GETTING_READY = "getting ready: this is compiled for this machine once, which ta
 
 
 class GhostError(ValueError):
-    """The policy that is asked for cannot be shown beside an episode; the text says why."""
+    """A policy cannot be shown beside an episode; the text says why."""
 
 
 class PolicyError(ValueError):
-    """No policy goes by this name or path, or the file is there and cannot be played; the text says which."""
+    """There is no such policy, or it cannot be played; the text says which."""
 
 
 class TaskFullError(RuntimeError):
@@ -74,9 +76,10 @@ class TaskFullError(RuntimeError):
 
 
 class NotReadyError(RuntimeError):
-    """Something that this needs is being made ready beside the server, once on a machine.
+    """Something that this needs is being prepared, once on a machine.
 
-    ready  done when it is, so that the same call succeeds; or with the error that kept it from being made
+    Attributes:
+        ready: Done when the same call would succeed; or it has the error of the preparation.
     """
 
     def __init__(self, ready: Future[None]) -> None:
@@ -84,14 +87,15 @@ class NotReadyError(RuntimeError):
         self.ready = ready
 
     async def wait(self) -> None:
-        """Wait until it is ready; raise what kept it from being made."""
+        """Wait until it is ready; raise the error of the preparation."""
         await asyncio.shield(asyncio.wrap_future(self.ready))
 
 
 class RunEndedError(Exception):
-    """The environment failed at a move: the run has ended with those before it.
+    """The environment failed at a move: the run has ended before it.
 
-    The text says so to the player; `report` says step, action, error and traceback to the author.
+    Attributes:
+        report: For the author: step, action, error and traceback. The text is for the player.
     """
 
     def __init__(self, text: str, report: str = "") -> None:
@@ -103,8 +107,9 @@ class RunEndedError(Exception):
 class Metric:
     """A figure of an ended episode.
 
-    lowest, highest  its bounds, None where it has none
-    is_better        which direction is
+    Attributes:
+        lowest, highest: Its bounds; None if it has none.
+        is_better: Which direction is better.
     """
 
     name: str
@@ -116,13 +121,15 @@ class Metric:
 
 @dataclass(frozen=True)
 class Words:
-    """What reports call the two figures of a finished episode, and how it ended.
+    """What reports call the two figures of a finished episode, and its end.
 
-    score   the headline metric
-    steps   moves of a success, the limit for any other ending
-    reached, short  an episode that is a success, and one that is not: "reached 99 %", "short of 99 %"
-    definition      of both figures, a sentence or two
-    abandoned       how an episode that was given up counts, the end of a sentence
+    Attributes:
+        score: The headline metric.
+        steps: Moves of a success; of any other ending the limit.
+        reached, short: An episode that is a success, and one that is not: "reached 99 %", "short of
+            99 %".
+        definition: Of both figures, a sentence or two.
+        abandoned: How an abandoned episode counts, as the end of a sentence.
     """
 
     score: str
@@ -147,12 +154,13 @@ class Reference:
 class About:
     """What pages, reports and studies say of a task.
 
-    title         what a page calls it
-    words         what reports call its figures
-    instructions  what players are told to do, if the pages of `assets` do not say it
-    labels        what each data-quality label of `Environment.labels` means
-    references    what its reports and data sets cite
-    columns       TABLE.COLUMN -> what a data set's column means in it, where that is its own
+    Attributes:
+        title: What a page calls it.
+        words: What reports call its figures.
+        instructions: What players are to do, if the pages of `assets` do not say it.
+        labels: Data-quality label of `Environment.labels` -> its meaning.
+        references: What its reports and data sets cite.
+        columns: TABLE.COLUMN of a data set -> its meaning in this task, if that is special.
     """
 
     title: str
@@ -165,7 +173,12 @@ class About:
 
 @dataclass(frozen=True)
 class Question:
-    """Shows whether the instructions were understood; `why` is read by whoever did not choose `answer`, an index."""
+    """Shows whether somebody understood the instructions.
+
+    Attributes:
+        answer: Index of the right choice.
+        why: What somebody reads after a wrong choice.
+    """
 
     question: str
     choices: tuple[str, ...]
@@ -177,16 +190,17 @@ class Question:
 class Texts:
     """What pages, reports and studies say of a configuration.
 
-    setting       part of a sentence
-    observations  a sentence: what people see and what agents are given; "" if unknown
-    briefing      what an agent is told to do, with the rules that the pages tell people
-    design        what a preregistration says, whole sentences
-    minutes       that a person takes for an episode, roughly
-    study_title   of a new study; `{name}` in it is the study's
-    opening       the first paragraph of its consent text
-    things        what that text counts: "terrains"
-    questions     of its understanding
-    placeholders  what its texts may name in braces, and what that becomes
+    Attributes:
+        setting: Part of a sentence.
+        observations: A sentence: what people see and what agents observe; "" if unknown.
+        briefing: What an agent is to do, with the rules that the pages tell people.
+        design: What a preregistration says, in whole sentences.
+        minutes: That a person takes for an episode, roughly.
+        study_title: Of a new study; `{name}` in it is the study's.
+        opening: The first paragraph of its consent text.
+        things: What that text counts: "terrains".
+        questions: On the instructions.
+        placeholders: What the texts may name in braces -> what that becomes.
     """
 
     setting: str
@@ -202,7 +216,7 @@ class Texts:
 
 
 def counted(count: int, one: str, many: str | None = None) -> str:
-    """A count with its words: "1 person was", "3 people were"; an s makes the plural unless given."""
+    """A count with its word: "1 person", "3 people". Without `many`, an s is added."""
     return f"{count:,} {one if count == 1 else many or f'{one}s'}"
 
 
@@ -217,41 +231,45 @@ Allowed = tuple[int, ...] | None
 
 def not_allowed(actions: Sequence[str], allowed: Sequence[int], action: int) -> str:
     """Say that an action cannot be chosen now, and which can."""
-    return f"{actions[action]} cannot be chosen now: expected {', '.join(actions[code] for code in allowed)}"
+    choices = ", ".join(actions[code] for code in allowed)
+    return f"{actions[action]} cannot be chosen now: expected {choices}"
 
 
 class Cause(Protocol):
-    """What fixes a stored episode before its first move, as far as a task must know it; `Trial` is one."""
+    """What fixes a stored episode before its first move; a `Trial` is one."""
 
     @property
     def config(self) -> Configuration:
-        """Return the configuration."""
+        """The configuration."""
 
     @property
     def seed(self) -> int | None:
-        """Return the seed of the instance, None for a given one."""
+        """The seed of the instance; None for an instance without one, such as a map."""
 
     @property
     def terrain(self) -> bytes:
-        """Return the instance, packed."""
+        """The instance, packed."""
 
     @property
     def start(self) -> tuple[int, int]:
-        """Return where the episode starts."""
+        """Where the episode starts."""
 
     @property
     def trajectory_hash(self) -> str | None:
-        """Return the hash of an episode that has ended."""
+        """The hash of the trajectory; None before the episode has ended."""
 
 
 class Record(Cause, Protocol):
-    """The cause of an episode with what it came to, as `Run.record` returns it; replaying compares it.
+    """The cause of an episode with its actions and its result.
 
-    actions     the moves, one byte each
-    total       the return, the sum of the rewards
-    discovered  the count that is stored with the last move
+    Replaying the actions must give the same record.
 
-    The others are what the columns of their names hold.
+    Attributes:
+        actions: The moves, one byte each.
+        total: The return: the sum of the rewards.
+        discovered: The count that is stored with the last move.
+
+    The other properties are the columns of their names.
     """
 
     @property
@@ -273,7 +291,7 @@ class Record(Cause, Protocol):
 
 
 class Ending(TypedDict):
-    """What a finished episode came to, as the columns of these names store it."""
+    """The result of a finished episode, as the columns of these names store it."""
 
     outcome: str
     total: float
@@ -285,49 +303,53 @@ class Ending(TypedDict):
 
 
 class View(Protocol):
-    """What may be seen of a run after some of its moves; it stays as it is while the run goes on, and holds no secret."""
+    """What may be seen of a run after some of its moves.
+
+    It does not change while the run goes on, and holds no secret.
+    """
 
     @property
     def steps(self) -> int:
-        """Return how many moves have been made."""
+        """How many moves have been made."""
 
     @property
     def ended(self) -> bool:
-        """Return whether the episode has an outcome."""
+        """Whether the episode has an outcome."""
 
     @property
     def outcome(self) -> str:
-        """Return the outcome in words, `running` while there is none."""
+        """The outcome in words; `running` if there is none yet."""
 
     @property
     def discovered(self) -> int:
-        """Return the count that is stored with each move."""
+        """The count that is stored with each move."""
 
     @property
     def actions(self) -> bytes:
-        """Return the moves so far, one byte each."""
+        """The moves so far, one byte each."""
 
     @property
     def allowed(self) -> Allowed:
         """The codes that may be chosen next; None: all, or the episode has ended."""
 
     def observation(self) -> object:
-        """Return what a policy is given: a copy of its own."""
+        """What a policy observes, as a new copy."""
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
-        """Return the public frame as JSON text; reward, return and score null where they are hidden."""
+        """The public frame as JSON text; hidden scores are null."""
 
     def history(self, episode_id: str, hides_scores: bool = False) -> str:
-        """Return the path so far as JSON text, without what scores it would tell where they are hidden."""
+        """The path so far as JSON text, without scores if they are hidden."""
 
 
 class AgentObservation(TypedDict):
     """What an agent may see of a run, ready for JSON; None for what is not there.
 
-    picture      what people see, as a data URL
-    text         what people see where that is a text, or the observation in words
-    observation  what policies are given
-    allowed      the names of the actions that may be chosen; None: all of them
+    Attributes:
+        picture: What people see, as a data URL.
+        text: What people see if that is a text; else the observation in words.
+        observation: What policies observe.
+        allowed: The names of the actions that may be chosen; None: all of them.
     """
 
     picture: str | None
@@ -344,43 +366,48 @@ class Run(Protocol):
         """Whether the episode has an outcome."""
 
     def step(self, action: int) -> float:
-        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
+        """Make one move and return its reward.
 
-        RunEndedError where the environment fails at this move, and the run has ended with the moves before it.
+        Raises:
+            RuntimeError: If the episode has ended.
+            ValueError: If there is no such action.
+            RunEndedError: If the environment fails; the run has ended before this move.
         """
 
     def abandon(self) -> None:
-        """Give up: the episode ends as one that was left."""
+        """End the episode as an abandoned one."""
 
     def observation(self) -> object:
-        """Return what a policy is given of the run as it stands: a copy of its own."""
+        """What a policy observes of the run now, as a new copy."""
 
     def view(self) -> View:
-        """Return what may be seen of the run as it stands."""
+        """What may be seen of the run now."""
 
     def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
-        """Return what an agent may see of the run as it stands; what is not asked for is None."""
+        """What an agent may see of the run now; what is not asked for is None."""
 
     def record(self) -> Record:
-        """Return the cause, with what it came to: outcome, return and digest among it."""
+        """The cause with actions and result."""
 
     def rewards(self) -> Sequence[float]:
-        """Return the reward of each move."""
+        """The reward of each move."""
 
     def counts(self) -> Sequence[int]:
         """The count at the start and after each move: discovered cells in MarsExplorer."""
 
     def allowed(self) -> Sequence[Allowed]:
-        """What could be chosen before each move, the first one first; empty if it was always everything."""
+        """What could be chosen before each move; empty if it was always everything."""
 
     def place(self, step: int) -> Mapping[str, float]:
-        """What the exported moves' columns of this task hold after so many moves."""
+        """The task's own columns of an exported move, after so many moves."""
 
 
 class RunElsewhere(Run, Protocol):
     """A run of a task that has `steps_on`: its moves are made in another process.
 
-    tell  called on the step's thread with (moves replayed, moves to replay) while a lost process is restored
+    Attributes:
+        tell: Called on the step's thread with (moves replayed, moves to replay) while a lost process
+            is restored.
     """
 
     tell: Callable[[int, int], object]
@@ -396,10 +423,12 @@ class RunElsewhere(Run, Protocol):
 class Messages:
     """A task's own messages over HTTP, as pydantic models.
 
-    board, episode  what begins a board (`WantedBoard`) and its next episode (`WantedEpisode`), each without a field as well
-    frame, history  what `View.frame` and `View.history` return
-    course          what `Course.to_dict` returns; None: an episode's frames are its course
-    mistake         what is named of moves that cost something; None: moves are not judged
+    Attributes:
+        board: Begins a board (`WantedBoard`); no field of it is required.
+        episode: Begins a board's next episode (`WantedEpisode`); no field of it is required.
+        frame, history: What `View.frame` and `View.history` return.
+        course: What `Course.to_dict` returns; None: an episode's frames are its course.
+        mistake: What a page shows of moves that cost something; None: moves are not judged.
     """
 
     board: type[WantedBoard]
@@ -411,11 +440,11 @@ class Messages:
 
 
 class WantedEpisode(Protocol):
-    """What somebody wants to play next, in the task's own words; what is left out stays as it was."""
+    """What somebody wants to play next; what it leaves out stays as it was."""
 
     @property
     def seed(self) -> int | None:
-        """The seed of the instance, None for one that is still to be drawn."""
+        """The seed of the instance; None if one is still to be drawn."""
 
     @property
     def leaves_terrain(self) -> bool:
@@ -423,37 +452,32 @@ class WantedEpisode(Protocol):
 
 
 class WantedBoard(WantedEpisode, Protocol):
-    """What somebody wants to play on a new board.
-
-    player      "human" or a policy
-    rival       a policy to play the same instance beside
-    replays     the session whose ended episode a policy replays beside it
-    challenges  the finished episode whose instance is played once more, against what was done there
-    """
+    """What somebody wants to play on a new board."""
 
     @property
     def player(self) -> str:
-        """Return who plays."""
+        """Who plays: "human" or a policy."""
 
     @property
     def rival(self) -> str | None:
-        """Return the policy that plays beside, if any."""
+        """A policy that plays the same instance beside the player, if any."""
 
     @property
     def replays(self) -> str | None:
-        """Return the id of the session that is replayed, if any."""
+        """The session whose ended episode is shown beside a policy's, if any."""
 
     @property
     def challenges(self) -> str | None:
-        """Return the id of the episode that is played against, if any."""
+        """The finished episode whose instance and result are played against, if any."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What an episode is to begin on: the instance of a seed, of a seed still to be drawn, or a given one.
+    """What an episode begins on.
 
-    is_chosen  whether the instance was named beforehand, so that it never counts
-    given      a given instance, the task's own; then `seed` is None
+    Attributes:
+        seed: Of the instance; None if it is still to be drawn, or if there is a `given` instance.
+        given: An instance without a seed, such as a map, in the task's own type.
     """
 
     config: Configuration
@@ -462,13 +486,13 @@ class Choice:
 
     @property
     def is_chosen(self) -> bool:
-        """Return whether it was named beforehand, so that it never counts."""
+        """Whether the instance was named beforehand: then the episode never counts."""
         return self.seed is not None or self.given is not None
 
 
 @dataclass(frozen=True)
 class DrawnInstance:
-    """The cause (`Cause`) of an episode on the instance of a seed."""
+    """The `Cause` of an episode on the instance of a seed."""
 
     config: Configuration
     seed: int
@@ -481,39 +505,42 @@ class Lock(Protocol):
     """Whether an episode is the same elsewhere, and what that needs."""
 
     def current(self) -> dict[str, object]:
-        """What must be the same where a study is frozen and where it is served, beside the version."""
+        """What must be the same where a study is frozen and served, besides the version."""
 
     def differences(self, recorded: Mapping[str, object]) -> str:
         """Describe how this machine differs from a recorded lock; empty if it does not."""
 
     def check_exact(self, config: Configuration) -> str:
-        """Play episodes again, and return what was compared; ValueError if they differ."""
+        """Play episodes again and say what was compared; ValueError if they differ."""
 
     def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
-        """Say why an episode of another version cannot be simulated here, and what differs."""
+        """Why an episode of another version cannot be simulated here, and what differs."""
 
 
 class Environment(Protocol):
-    """What a stored episode of a task is read, replayed, checked and measured with: without policies and without a server."""
+    """What a stored episode of a task is replayed, checked and measured with.
+
+    It needs no server.
+    """
 
     @property
     def name(self) -> str:
-        """Return the task's name, as the column `task` of its episodes holds it."""
+        """The task's name, as in the column `task` of its episodes."""
 
     @property
     def version(self) -> str:
-        """Return the version that a recorded episode replays with."""
+        """The version that a recorded episode replays with."""
 
     @property
     def is_recorded(self) -> bool:
-        """Whether replays are recordings, since nothing steps it again to verify them."""
+        """Whether replays are recordings: nothing can step it again to verify them."""
 
     @property
     def about(self) -> About:
         """What pages, reports and studies say of it."""
 
     def texts(self, config: Configuration) -> Texts:
-        """What they say of a configuration."""
+        """What pages, reports and studies say of a configuration."""
 
     @property
     def lock(self) -> Lock:
@@ -521,55 +548,66 @@ class Environment(Protocol):
 
     @property
     def assets(self) -> str:
-        """Return the folder of `static/task` that draws it."""
+        """The folder of `static/task` that draws it."""
 
     @property
     def messages(self) -> Messages:
-        """Return what begins a board, and what it shows."""
+        """Its messages over HTTP."""
 
     @property
     def actions(self) -> tuple[str, ...]:
-        """Return the names of the actions, by their codes."""
+        """The names of the actions, by their codes."""
 
     @property
     def keys(self) -> Mapping[str, tuple[str, ...]]:
-        """Return the default keys: each action's (`event.code`), in the order of the actions."""
+        """Action -> its default keys (`event.code`), in the order of the actions."""
 
     @property
     def clock(self) -> int | None:
-        """Return the frames a second at which its boards tick; None where they wait for each move."""
+        """Ticks a second of its boards; None if they wait for each move."""
 
     @property
     def noop(self) -> int | None:
-        """Return the action of a tick at which no key is held; None: the last action again."""
+        """The action of a tick without a key; None: the last action again."""
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """Return the figures of an ended episode, the headline first."""
+        """The figures of an ended episode, the headline metric first."""
 
     @property
     def successes(self) -> frozenset[str]:
-        """Return the outcomes that are successes."""
+        """The outcomes that are successes."""
 
     def configuration(self, values: Mapping[str, object]) -> Configuration:
-        """Return the configuration of plain values; ValueError or TypeError where they are none."""
+        """The configuration of plain values.
+
+        Raises:
+            ValueError, TypeError: If there is no such configuration.
+        """
 
     def gymnasium_env(self, config: Configuration) -> gymnasium.Env[object, object]:
-        """Return the Gymnasium environment of a configuration, newly made."""
+        """A new Gymnasium environment of a configuration."""
 
     def observations(self, record: Record) -> Sequence[object]:
-        """Return what was seen before each move and after the last."""
+        """What a policy observed before each move and after the last."""
 
     def own_actions(
         self, config: Configuration, actions: bytes
     ) -> NDArray[np.int64] | NDArray[np.float64]:
-        """Return moves as the environment itself takes them: what a policy would have chosen."""
+        """Moves as the environment itself takes them."""
 
     def returns(self, config: Configuration) -> tuple[float, float] | None:
-        """Return the lowest and the highest return that a data set may be scored against; None where they are not known."""
+        """The lowest and highest return, for normalised scores of a data set.
+
+        None if they are unknown.
+        """
 
     def given_up_score(self, cause: Cause, outcome: str, total: float, score: float) -> float:
-        """The score that an ended episode would have had by giving up; `total` is its return."""
+        """The score of an ended episode if it had been abandoned instead.
+
+        Args:
+            total: Its return.
+        """
 
     @property
     def policies(self) -> Policies:
@@ -577,7 +615,7 @@ class Environment(Protocol):
 
     @property
     def courses(self) -> Courses | None:
-        """Drawn replays and the cost of moves; None where moves cannot be drawn and priced."""
+        """Drawn replays and the cost of moves, if there are any."""
 
     @property
     def expert(self) -> str | None:
@@ -585,24 +623,30 @@ class Environment(Protocol):
 
     @property
     def boards(self) -> Boards | None:
-        """What the leaderboard and the daily terrain are played on; None for a task without them."""
+        """The leaderboard's boards and the daily instance, if there are any."""
 
     @property
     def requirements(self) -> tuple[str, ...]:
-        """What pip installs so that its environment is there."""
+        """What pip must install for the environment."""
 
     def assumed(self, config: Configuration, metric: str) -> Mapping[str, float]:
-        """Return the mean and standard deviations that a new study assumes of people, by the protocol's fields; empty where
-        nothing is known."""
+        """Field of the protocol -> what a new study assumes of people.
+
+        Empty if nothing is known.
+        """
 
     def bounds(self, config: Configuration) -> tuple[float, float]:
-        """Return the lowest and the highest mean of the headline metric that a player can have."""
+        """The lowest and the highest mean of the headline metric that is possible."""
 
     def labels(self, cause: Cause, counts: Sequence[int]) -> tuple[str, ...]:
-        """Return the labels that a finished episode's course gives it, by the counts stored with its moves."""
+        """The data-quality labels of a finished episode.
+
+        Args:
+            counts: Those stored with its moves.
+        """
 
     def check_study(self, config: Configuration) -> None:
-        """Raise ValueError, saying what is wanted, where a study cannot be played on a configuration."""
+        """Raise ValueError if no study can be played on a configuration."""
 
     def run(self, config: Configuration, seed: int, actions: bytes = b"") -> Run:
         """Begin a run on the instance of a seed, and make some moves."""
@@ -611,25 +655,33 @@ class Environment(Protocol):
         """Draw the packed instance of a seed, and where an episode starts on it."""
 
     def instance_hash(self, cause: Cause) -> str:
-        """Return SHA-256 (hex) of the instance: the same for two seeds that draw the same one."""
+        """SHA-256 (hex) of the instance: equal for two seeds that draw the same one."""
 
     def cells(self, cause: Cause) -> int:
-        """Return how many things there are to discover on the instance; 0 where discovering is not what it is about."""
+        """How many things can be discovered on the instance; 0 if that is not the aim."""
 
     def record(self, cause: Cause, actions: bytes, ending: Ending) -> Record:
-        """Return the cause of a finished episode, ready to be replayed."""
+        """The record of a finished episode, ready to be replayed."""
 
     def replay(self, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
-        """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
+        """The run of a stored episode after its actions.
+
+        Args:
+            ended: Whether it had ended. If no action ended it, it was abandoned.
+        """
 
     def prepare(self) -> None:
-        """Make ready what the first run of a process would wait for; ValueError where something is not installed."""
+        """Prepare what the first run of a process would wait for.
+
+        Raises:
+            ValueError: If something is not installed.
+        """
 
     def replay_record(self, record: Record) -> Run:
-        """Return the run of what `record` returned; ValueError where the version is another one."""
+        """The run of what `record` returned; ValueError if its version is another one."""
 
     def frames(self, record: Record, episode_id: str) -> list[dict[str, object]]:
-        """Return the frames of a finished episode from its start to its end; of large ones only every so many."""
+        """The frames of a finished episode; of a long one only some of them."""
 
 
 def draw_instance(environment: Environment, config: Configuration, seed: int) -> DrawnInstance:
@@ -638,7 +690,7 @@ def draw_instance(environment: Environment, config: Configuration, seed: int) ->
 
 
 def describe(environment: Environment) -> dict[str, object]:
-    """Return what a page is told of a task: how it is called, drawn, moved and measured."""
+    """What a page must know of a task: its title, how it is drawn, moved and measured."""
     return {
         "name": environment.name.partition(":")[0],
         "title": environment.about.title,
@@ -665,7 +717,7 @@ class Policy(Protocol):
 
     @property
     def name(self) -> str:
-        """Return its name."""
+        """Its name."""
 
     def reset(self, seed: int) -> None:
         """Begin an episode."""
@@ -673,10 +725,13 @@ class Policy(Protocol):
 
 @dataclass(frozen=True)
 class PolicyOffer:
-    """A policy that may be chosen: the name, one line about it, where it comes from, and the only board it plays.
+    """A policy that may be chosen.
 
-    size        (rows, cols); None for any
-    is_shipped  whether it comes with the package, not from a file of the server's operator
+    Attributes:
+        summary: One line about it.
+        source: Where it comes from.
+        size: (rows, cols) of the only boards that it plays; None for any.
+        is_shipped: Whether it comes with the package, not from a file of the server's operator.
     """
 
     name: str
@@ -691,7 +746,7 @@ class PolicyOffer:
 
 
 class Policies(Protocol):
-    """The policies of a task: they are found by name or path, decide on boards, and play alone."""
+    """The policies of a task, by name or path: they decide on boards and play alone."""
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -703,49 +758,58 @@ class Policies(Protocol):
 
     @property
     def sees_frames(self) -> bool:
-        """Whether a public frame holds what a policy is given, so that one can take part as people do."""
+        """Whether a public frame holds what a policy observes.
+
+        Then a policy can take part as people do.
+        """
 
     @property
     def slow(self) -> tuple[str, ...]:
-        """Those that take long over an episode, the slowest last: they are evaluated after the others."""
+        """Those that are evaluated after the others; the slowest is the last one."""
 
     @property
     def simulated(self) -> str | None:
-        """The one that synthetic participants follow, if frames hold what it is given; None for random moves."""
+        """The one that synthetic participants follow; None for random moves."""
 
     def offers(self) -> Sequence[PolicyOffer]:
         """What may be chosen by name."""
 
     def check(self, name: str, *others: str) -> str:
-        """The name, if it is on offer; ValueError naming the choices (and `others`) otherwise."""
+        """The name, if it is on offer.
+
+        Raises:
+            ValueError: If it is not; the text names the choices and `others`.
+        """
 
     def check_size(self, names: Iterable[str], config: Configuration) -> None:
-        """Raise ValueError, naming the policy, unless each of the names plays this configuration."""
+        """Raise ValueError for the first policy that does not play a configuration."""
 
     def load(self, source: str, config: Configuration | None = None) -> Policy:
-        """A new policy by its name or path; PolicyError if there is none, or none that can be played.
+        """A new policy by its name or path. It remembers its episode: one for each board.
 
-        A policy remembers its episode, so each board needs its own.
+        Args:
+            config: One that it must be able to play.
 
-        config  one that it must be able to play
+        Raises:
+            PolicyError: If there is none, or it cannot be played.
         """
 
     def reset(self, policy: Policy, config: Configuration, seed: int) -> None:
         """Reset a policy for an episode of a configuration."""
 
     def act(self, policy: Policy, observation: object) -> int:
-        """A policy's action after what a run showed of itself."""
+        """A policy's action on what a run shows."""
 
     def act_many(
         self, policies: Sequence[Policy], observations: Sequence[object]
     ) -> Sequence[int | Exception]:
-        """Every board's action, or what its policy raised: the others are decided all the same."""
+        """Each board's action, or its policy's error, which affects no other board."""
 
     def batch_network(self, policy: Policy) -> object | None:
-        """The network that decides for the policy, if it decides several boards at once; else None."""
+        """The network of a policy that can decide several boards at once, if there is one."""
 
     def observation_in(self, frame: Mapping[str, object]) -> object:
-        """What a policy is given of a public frame, if it `sees_frames`."""
+        """What a policy observes, read from a public frame; only if it `sees_frames`."""
 
     def is_rule(self, source: str) -> bool:
         """Whether a name stands for code, which has no file."""
@@ -754,7 +818,11 @@ class Policies(Protocol):
         """The path of a policy's file; PolicyError if there is none."""
 
     def hash_of(self, source: str) -> str | None:
-        """SHA-256 (hex) of a policy's file; None for code. PolicyError if it cannot be read."""
+        """SHA-256 (hex) of a policy's file; None for code.
+
+        Raises:
+            PolicyError: If the file cannot be read.
+        """
 
     def hash_with_code(self, source: str) -> str | None:
         """SHA-256 (hex) of all that decides; None for code that may change unseen."""
@@ -763,20 +831,24 @@ class Policies(Protocol):
         """The shipped file of this SHA-256 (hex), whatever its name is now."""
 
     def unlisted(self) -> Mapping[str, Path]:
-        """Files that come with a checkout, and that no server offers unless it is asked to."""
+        """Files of a checkout that a server offers only if it is asked to."""
 
     def title(self, name: str) -> str:
         """What reports call a policy."""
 
     def play(self, policy: Policy, config: Configuration, seed: int, policy_seed: int) -> Run:
-        """The ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
+        """Play an episode on the instance of a seed; `policy_seed` resets the policy."""
 
     def play_all(
         self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
     ) -> Iterator[tuple[str, int, bytes, str]]:
-        """Yield source, seed, actions and trajectory hash of each policy's episode on each instance, in any order.
+        """Play an episode of each policy on each instance, in any order.
 
-        PolicyError if a policy cannot be played; nothing is played then.
+        Yields:
+            Source, seed, actions and trajectory hash.
+
+        Raises:
+            PolicyError: Before anything is played, if a policy cannot be played.
         """
 
 
@@ -788,7 +860,7 @@ class Animation(Protocol):
         """Width and height in pixels."""
 
     def at(self, step: int, before: int) -> Image:
-        """The picture after so many moves; `before` is the step of the picture before it."""
+        """The picture after so many moves; `before` is the previous picture's step."""
 
 
 class Course(Protocol):
@@ -829,10 +901,10 @@ class Course(Protocol):
         """The course as the page reads it."""
 
     def preview(self, is_challenge: bool = False) -> bytes:
-        """The end as a PNG; of a challenge what is seen before the first move."""
+        """The end as a PNG; for a challenge, the start."""
 
     def animation(self, others: Sequence[Course], is_large: bool) -> Animation:
-        """What draws the course, and others of the task beside it."""
+        """Draws the course, and others of the task beside it."""
 
 
 class DrawnReplays(Protocol):
@@ -842,13 +914,13 @@ class DrawnReplays(Protocol):
         """The course of a finished episode; ValueError if this version cannot replay it."""
 
     def choices(self, offers: Sequence[PolicyOffer], config: Configuration) -> list[str]:
-        """The names of the policies that can be shown beside an episode of a configuration."""
+        """Policies that can be shown beside an episode of a configuration."""
 
     def preferred(self, driver: str, names: Sequence[str] | None = None) -> str | None:
-        """The policy to show beside a driver, of those of these names; None if there is none."""
+        """The policy among `names` to show beside a driver; None if there is none."""
 
     def play_ghost(self, source: str, record: Record) -> Course:
-        """The course of a policy from the start of an episode; GhostError if it cannot be had."""
+        """A policy's course from the start of an episode; GhostError if there is none."""
 
 
 class Advice(Protocol):
@@ -860,7 +932,7 @@ class Advice(Protocol):
 
 
 class EpisodeCosts(Protocol):
-    """What each move of an episode cost, in moves by which it made the episode longer."""
+    """By how many moves each move made an episode longer."""
 
     @property
     def actions(self) -> NDArray[np.int64]:
@@ -876,7 +948,7 @@ class EpisodeCosts(Protocol):
 
     @property
     def kinds(self) -> Sequence[str | None]:
-        """The kind of mistake that each move is part of, None outside all mistakes."""
+        """The kind of mistake that each move is part of; None outside all mistakes."""
 
     @property
     def counts(self) -> int:
@@ -888,10 +960,10 @@ class EpisodeCosts(Protocol):
 
     @property
     def total(self) -> int:
-        """Moves that the episode counts more than the expert's."""
+        """Moves by which the episode is longer than the expert's."""
 
     @property
-    def given_up(self) -> int:
+    def without_move(self) -> int:
         """Cost of an end without a move."""
 
     @property
@@ -899,44 +971,58 @@ class EpisodeCosts(Protocol):
         """Cost of the moves outside all mistakes, at most 0."""
 
     def by_kind(self) -> Mapping[str, int]:
-        """The cost of the mistakes of each kind; an end without a move counts as `Courses.ended_early`."""
+        """Kind -> the cost of its mistakes.
+
+        An end without a move is of the kind `Courses.ended_early`.
+        """
 
     def by_tenth(self) -> NDArray[np.int64]:
-        """int64[10]: the cost of the moves made at 0-10 %, 10-20 %, ... of the way to the goal."""
+        """int64[10]: the cost of the moves at 0-10 %, 10-20 %, ... of the way to the goal."""
 
 
 class CostEstimator(Protocol):
-    """Works out what moves cost."""
+    """Computes what moves cost."""
 
     def costs(self, record: Record) -> EpisodeCosts:
         """The costs of an episode's moves."""
 
 
 class Courses(DrawnReplays, Protocol):
-    """Drawn replays, and the cost of moves beside the policy `Environment.expert`, which plays on from each of them.
+    """Drawn replays, and the cost of moves.
 
-    kinds        of mistakes, in the order in which they are shown
-    ended_early  the kind of an end without a move
+    A move's cost is how much longer the episode becomes if `Environment.expert` plays on after it.
+
+    Attributes:
+        kinds: Kinds of mistakes, in the order in which they are shown.
+        ended_early: The kind of an end without a move.
     """
 
     kinds: tuple[str, ...]
     ended_early: str
 
     def check_judged(self, config: Configuration) -> None:
-        """Raise ValueError, saying why, if no move of a configuration is judged."""
+        """Raise ValueError if no move of a configuration is judged."""
 
     def estimator(self, source: str, cache: Path | None) -> CostEstimator:
-        """What works out costs by a file of the expert, and keeps them in the folder `cache` if there is one."""
+        """What computes costs by a file of the expert.
+
+        Args:
+            cache: Folder where costs are stored, if any.
+        """
 
     def explain(self, cache: Path, record: Record, source: str) -> dict[str, object]:
-        """What a page shows of an episode's costs: seconds, so in a job. ValueError if it cannot be replayed."""
+        """What a page shows of an episode's costs. It takes seconds, so call it in a job.
+
+        Raises:
+            ValueError: If the episode cannot be replayed.
+        """
 
     def explain_without_costs(self, record: Record, reason: str) -> dict[str, object]:
-        """What a page shows of an episode of which no move is judged, for this reason."""
+        """What a page shows of an episode whose moves are not judged, with the reason."""
 
 
 class Boards(Protocol):
-    """What people come back to: the leaderboard's boards and the daily instance's."""
+    """The leaderboard's boards and the daily instance's."""
 
     @property
     def daily(self) -> Configuration:
@@ -944,7 +1030,7 @@ class Boards(Protocol):
 
     @property
     def offered(self) -> tuple[Configuration, ...]:
-        """The configurations of boards that are there even if unplayed."""
+        """The configurations of boards that are listed even if nobody has played them."""
 
     def configuration(self, level: str, size: int | tuple[int, int] | None) -> Configuration:
         """The configuration of a level at a size; ValueError if there is none."""
@@ -953,7 +1039,7 @@ class Boards(Protocol):
         """The id of a configuration's board, and its title."""
 
     def seeds(self, config: Configuration) -> tuple[int, ...]:
-        """Those of the instances that policies play on a board."""
+        """The seeds of the instances that policies play on a board."""
 
 
 class ViewPage(Protocol):
@@ -977,7 +1063,7 @@ class ViewPage(Protocol):
 
     @property
     def script_hashes(self) -> tuple[str, ...]:
-        """Those of its scripts, as a Content-Security-Policy has them."""
+        """The hashes of its scripts, as a Content-Security-Policy has them."""
 
 
 class View3D(Protocol):
@@ -988,33 +1074,36 @@ class View3D(Protocol):
         """What a browser opens."""
 
     async def serve(self, websocket: WebSocket, session: object) -> None:
-        """Serve one browser's socket of a board's session until it leaves."""
+        """Serve a browser's socket of a board's session until it leaves."""
 
     def close(self) -> None:
         """End what runs for it."""
 
 
 class Task(Environment, Protocol):
-    """An environment on the playground. What is wanted of it (`wanted`) is in its own words: a message of its own."""
+    """An environment that a server offers.
+
+    `wanted` is always a message of the task's own (`Messages`).
+    """
 
     @property
     def steps_on(self) -> Executor | None:
-        """Return the threads on which its runs step; None where a step takes microseconds."""
+        """The threads on which its runs step; None if a step takes microseconds."""
 
     def levels(self) -> list[dict[str, object]]:
-        """Return the levels on offer, as the API lists them."""
+        """The levels on offer, as the API lists them."""
 
     def maps(self) -> list[dict[str, object]]:
-        """Return the given instances on offer, as the API lists them."""
+        """The maps on offer, as the API lists them."""
 
     def first(self, wanted: WantedBoard) -> Choice:
-        """Return what a new board is to begin on; ValueError where it is not on offer."""
+        """What a new board begins on; ValueError if that is not on offer."""
 
     def next(self, cause: Cause, wanted: WantedEpisode) -> Choice:
-        """Return what a board's next episode is to begin on: what is left out stays as it was."""
+        """What a board's next episode begins on: what is left out stays as it was."""
 
     def again(self, cause: Cause) -> Choice:
-        """Return what an episode began on, to be played once more."""
+        """What an episode began on, to be played once more."""
 
     def wanted_again(
         self,
@@ -1026,31 +1115,38 @@ class Task(Environment, Protocol):
         """The message that begins an episode of a configuration on a new board."""
 
     def describe(self, cause: Cause) -> dict[str, object]:
-        """Return what a page is told of the configuration."""
+        """What a page must know of the configuration."""
 
     def begin(self, choice: Choice) -> Run:
-        """Return a run at its start; ValueError before a seed is drawn, or where it cannot be made.
+        """A run at its start.
 
-        TaskFullError where no further run can begin at the moment. NotReadyError: see `on_threads`.
+        Raises:
+            ValueError: If no seed is drawn yet, or the run cannot be made.
+            TaskFullError: If no further run can begin at the moment.
+            NotReadyError: If something must be prepared first; `on_threads` waits for it.
         """
 
     def viewer(self) -> View3D | None:
         """A new 3-D view of a server's boards; None if there is none."""
 
     def is_getting_ready(self) -> bool:
-        """Return whether something that a board waits for is being made ready beside the server (`NotReadyError`)."""
+        """Whether a board waits for a preparation (`NotReadyError`)."""
 
     def guards(self) -> str:
-        """Return what guards the server from its runs, a sentence; "" where none is needed. ValueError where none can begin."""
+        """What guards the server from its runs, in a sentence; "" if nothing must.
+
+        Raises:
+            ValueError: If no run can begin.
+        """
 
     def close(self) -> None:
         """End what runs beside the server for it."""
 
 
 async def on_threads(task: Task, function: Callable[[*Arguments], T], *arguments: *Arguments) -> T:
-    """Return what a function comes to on a task's threads, or on those of the event loop where it has none.
+    """Call a function on a task's threads, or on the event loop's if it has none.
 
-    It is called again when what it lacked is ready, and no thread waits meanwhile.
+    After a NotReadyError the function is called again once it can succeed. No thread waits meanwhile.
     """
     loop = asyncio.get_running_loop()
     while True:

@@ -1,4 +1,4 @@
-"""The tasks that are registered by name, and the one that is played where none is named.
+"""The registered tasks by name, and the default one.
 
 A world of one's own is a package with the modules `environment` and `task`, and a folder `static` of what draws it. An entry
 point of the group `humanplay.tasks` registers it, or its folder (`serve --env FOLDER`, the variable HUMANPLAY_WORLDS).
@@ -76,7 +76,7 @@ def is_registered(task: str) -> bool:
 
 
 def register(folder: Path) -> str:
-    """Register the world of a folder for this process and those that it starts, and return its name.
+    """Register a folder's world for this process and its children; return its name.
 
     ValueError if it holds none, or its name is taken.
     """
@@ -121,13 +121,21 @@ def _world(name: str) -> Registration | None:
 
 @lru_cache(maxsize=64)
 def environment_of(task: str) -> Environment:
-    """The environment of a task by its name, like `mars` or `gymnasium:FrozenLake-v1`; ValueError if there is none."""
+    """The environment of a task's name, like `mars` or `gymnasium:FrozenLake-v1`.
+
+    Raises:
+        ValueError: If there is none.
+    """
     module, variant = _module(task, "environment")
     return cast("Environment", module.environment(variant))
 
 
 def serve(task: str, start: Start) -> Task:
-    """A task as a server offers it; ValueError, LookupError or OSError if it, or a file of it, is none."""
+    """A task as a server offers it.
+
+    Raises:
+        ValueError, LookupError, OSError: If the task, or a file of it, cannot be used.
+    """
     module, variant = _module(task, "task")
     return cast("Task", module.serve(variant, start))
 

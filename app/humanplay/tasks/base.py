@@ -53,7 +53,7 @@ INSTANCES = 100
 
 @dataclass(frozen=True)
 class EpisodeRecord:
-    """The cause of an episode that follows from its seed, with what it came to (`humanplay.task.Record`)."""
+    """The record of an episode that follows from its seed (`humanplay.task.Record`)."""
 
     config: Configuration
     seed: int
@@ -98,7 +98,7 @@ def frame_text(
 
 
 class BaseEnvironment:
-    """Rules of an environment whose episodes follow from their seed and their actions (`humanplay.task.Environment`)."""
+    """Episodes that follow from seed and actions (`humanplay.task.Environment`)."""
 
     @property
     def is_recorded(self) -> bool:
@@ -146,7 +146,7 @@ class BaseEnvironment:
         return (-math.inf if low is None else low, math.inf if high is None else high)
 
     def assumed(self: Environment, config: Configuration, metric: str) -> Mapping[str, float]:
-        """Half, a tenth, a tenth and a fifth of the range, for want of anything better; nothing without a range."""
+        """Half, a tenth, a tenth and a fifth of the range; nothing without a range."""
         low, high = (0.0, float(config.limit)) if metric == "steps" else self.bounds(config)
         if not math.isfinite(high - low):
             return {}
@@ -160,7 +160,7 @@ class BaseEnvironment:
     def given_up_score(
         self: Environment, cause: Cause, outcome: str, total: float, score: float
     ) -> float:
-        """The lowest score, if that is known; else the episode's own: giving up costs nothing more."""
+        """The lowest score if it is known; else the episode's own score."""
         lowest, _ = self.bounds(cause.config)
         return min(score, lowest) if math.isfinite(lowest) else score
 
@@ -196,11 +196,11 @@ class BaseEnvironment:
         return seen
 
     def record(self: Environment, cause: Cause, actions: bytes, ending: Ending) -> Record:
-        """The cause of a finished episode, ready to be replayed; ValueError for one without a seed."""
+        """The record of a finished episode; ValueError if it has no seed."""
         return EpisodeRecord(cause.config, seed_of(cause), actions, **ending)
 
     def replay(self: Environment, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
-        """The run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
+        """The run of a stored episode; abandoned if it had ended and no action ended it."""
         run = self.run(cause.config, seed_of(cause), actions)
         if ended:
             give_up(cause, run)
@@ -215,7 +215,7 @@ class BaseEnvironment:
         return self.replay(record, record.actions, True)
 
     def frames(self: Environment, record: Record, episode_id: str) -> list[dict[str, object]]:
-        """The frames of a finished episode from its start to its end; of a long one only every so many."""
+        """The frames of a finished episode; of a long one only some of them."""
         run = self.replay(record)
         views, every = [run.view()], 1 + len(record.actions) // MOST_FRAMES
         for step, action in enumerate(record.actions, 1):
@@ -229,7 +229,7 @@ class BaseEnvironment:
 
 
 class BaseTask:
-    """A task with one configuration, whose boards begin on seeds (`humanplay.task.Task`).
+    """A task of one configuration whose boards begin on seeds (`humanplay.task.Task`).
 
     steps_on  threads on which its runs step; None if a step takes microseconds
     """
@@ -293,7 +293,7 @@ class BaseTask:
 
 
 @runtime_checkable
-class HasOutcome(Protocol):
+class OutcomeHolder(Protocol):
     """A run, or a record of one, whose outcome can be set."""
 
     outcome: str
@@ -303,7 +303,7 @@ def give_up(cause: object, run: Run) -> None:
     """End the run of an episode that is over as the episode was, if no move ended it."""
     if not run.ended:
         run.abandon()
-        if getattr(cause, "outcome", None) == FAILED and isinstance(run, HasOutcome):
+        if getattr(cause, "outcome", None) == FAILED and isinstance(run, OutcomeHolder):
             run.outcome = FAILED
 
 
@@ -315,7 +315,7 @@ def seed_of(cause: Cause) -> int:
 
 
 class ExactLock:
-    """The lock of rules that are the same everywhere: whole numbers alone (`humanplay.task.Lock`)."""
+    """The lock of rules that use whole numbers alone, so are the same everywhere."""
 
     def __init__(self, version: str) -> None:
         self._version = version
@@ -347,14 +347,14 @@ class DefaultBoards:
 
     def configuration(self, level: str, size: int | tuple[int, int] | None) -> Configuration:
         """The default configuration; ValueError for another level or size."""
-        own = self.daily
+        only = self.daily
         sides = (size, size) if isinstance(size, int) else size
-        if level != own.level or sides != own.size:
+        if level != only.level or sides != only.size:
             raise ValueError(
-                f"{self._environment.about.title} is played on {self.name_of(own)[1]} alone: "
+                f"{self._environment.about.title} is played on {self.name_of(only)[1]} alone: "
                 "leave level and size out"
             )
-        return own
+        return only
 
     def name_of(self, config: Configuration) -> tuple[str, str]:
         """The level, and of other settings than the default ones a part of their hash."""
@@ -383,7 +383,7 @@ def decides(policy: Policy) -> TypeGuard[DecidingPolicy]:
 
 
 class BasePolicies:
-    """Policies that decide one by one, on boards of any size; none is shipped (`humanplay.task.Policies`)."""
+    """Policies that decide one by one on boards of any size; none is shipped."""
 
     compared: tuple[str, ...] = ("random",)
     shown: str | None = None
@@ -396,7 +396,7 @@ class BasePolicies:
         return ()
 
     def check(self, name: str, *others: str) -> str:
-        """The name, if it is on offer; ValueError naming the choices (and `others`) otherwise."""
+        """The name, if it is on offer; else ValueError with the choices and `others`."""
         names = [offer.name for offer in self.offers()]
         if name not in names:
             raise ValueError(f"no policy {name!r}; choose one of: {', '.join((*others, *names))}")
@@ -474,7 +474,7 @@ class RandomPolicy:
 
 
 class CodePolicies(BasePolicies):
-    """Policies that are classes, each with a `name`, and told of by its docstring; and `random`.
+    """Policies that are classes with a `name` and a docstring, and `random`.
 
     The first is the expert, is shown to participants, and is what synthetic ones follow.
 

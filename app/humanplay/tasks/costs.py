@@ -1,4 +1,4 @@
-"""What the moves of an episode cost, in any environment whose episodes follow from seed and actions.
+"""What the moves of an episode cost, in any reproducible environment.
 
 A policy of the environment, the expert, plays on from each of them:
 
@@ -31,7 +31,7 @@ LEAST_COST = 2
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """What the expert does before each move, and after the last one if the episode still ran then.
+    """The expert's action before each move, and after the last if the episode ran on.
 
     actions  int64[states]
     lengths  of the episode in all if an action follows and the expert plays on, by state and action; None without success
@@ -85,7 +85,7 @@ class MoveCosts:
         return self.counts - self.expert_moves
 
     @property
-    def given_up(self) -> int:
+    def without_move(self) -> int:
         """Cost of an end without a move."""
         return self.counts - int(self.lengths[-1])
 
@@ -96,7 +96,7 @@ class MoveCosts:
 
     def by_kind(self) -> Mapping[str, int]:
         """The cost of the mistakes of each kind."""
-        sums = {LOSS: 0, ENDED_EARLY: self.given_up}
+        sums = {LOSS: 0, ENDED_EARLY: self.without_move}
         for kind, cost in zip(self.kinds, self.costs, strict=True):
             if kind is not None:
                 sums[kind] += int(cost)
@@ -109,7 +109,7 @@ class MoveCosts:
 
 
 class MoveJudge:
-    """Lets a policy play on after each move of an episode (`humanplay.task.CostEstimator`)."""
+    """Lets a policy play on after each move (`humanplay.task.CostEstimator`)."""
 
     def __init__(self, environment: Environment, source: str) -> None:
         self._environment, self._source = environment, source
@@ -137,7 +137,7 @@ class MoveJudge:
         )
 
     def _judge(self, record: Record, moves: bytes) -> tuple[int, tuple[int | None, ...]]:
-        """What the expert does after some moves, and the length of the episode after each action."""
+        """The expert's action after some moves, and the length after each action."""
         policies = self._environment.policies
         lengths: list[int | None] = []
         chosen = 0
@@ -184,7 +184,7 @@ def explained(environment: Environment, costs: MoveCosts) -> dict[str, object]:
         "counts": costs.counts,
         "expert_moves": costs.expert_moves,
         "total": costs.total,
-        "given_up": costs.given_up,
+        "given_up": costs.without_move,
         "gained": costs.gained,
         "by_kind": costs.by_kind(),
         "mistakes": [

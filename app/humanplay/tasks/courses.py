@@ -1,4 +1,4 @@
-"""Replays and the cost of moves, of every environment whose episodes follow from seed and actions."""
+"""Replays and the cost of moves, for any reproducible environment."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_BYTES = 16 * 2**20
 
 
 class FrameCourses:
-    """Episodes as their frames, with a policy beside them that plays the same instance (`humanplay.task.Courses`)."""
+    """Episodes as frames, beside a policy's (`humanplay.task.Courses`)."""
 
     kinds: tuple[str, ...] = (costs.LOSS, costs.ENDED_EARLY)
     ended_early: str = costs.ENDED_EARLY
@@ -35,7 +35,7 @@ class FrameCourses:
         return _of_task, (self._environment.name,)
 
     def course_of(self, name: str, record: Record) -> FrameCourse:
-        """The course of a finished episode, played again; ValueError if it cannot be played here."""
+        """Replay a finished episode; ValueError if it cannot be played here."""
         environment = self._environment
         if record.core_version != environment.version:
             raise ValueError(f"the episode was played under {record.core_version}")
@@ -57,7 +57,7 @@ class FrameCourses:
         return next((name for name in (*first, *names) if name and name != driver), None)
 
     def play_ghost(self, source: str, record: Record) -> FrameCourse:
-        """The course of a policy on the instance of an episode; GhostError if it cannot be had."""
+        """Play a policy on an episode's instance; GhostError if it cannot be played."""
         policies = self._environment.policies
         if record.seed is None:
             raise GhostError("no policy plays an instance that was given")

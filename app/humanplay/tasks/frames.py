@@ -1,4 +1,4 @@
-"""An episode as its frames, each a picture or a text: how a replay shows it unless the task draws its own."""
+"""An episode as its frames, for replays of tasks that draw no courses."""
 
 from __future__ import annotations
 

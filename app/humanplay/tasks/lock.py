@@ -1,4 +1,7 @@
-"""What floating-point arithmetic may depend on beside seed and actions: packages, Python, system, processor, settings."""
+"""What floating-point results depend on besides seed and actions.
+
+That is packages, Python, system, processor and settings.
+"""
 
 from __future__ import annotations
 
@@ -21,24 +24,26 @@ PATHS = ("GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_CORETYPE")
 
 @cache
 def lock_of(packages: tuple[str, ...]) -> dict[str, Any]:
-    """Return what this machine computes with.
+    """What this machine computes with, as JSON.
 
-    packages   name -> version, and SHA-256 (hex) of the list of its files with their hashes (RECORD), "" where there is none
-    processor  what NumPy finds of its features
-    setting    of the boards' processes
+    Returns:
+        "packages": name -> version, and SHA-256 (hex) of its list of files (RECORD), "" without one.
+        "python", "platform".
+        "processor": its features, as NumPy names them.
+        "setting": the variables of the boards' processes.
     """
     is_new = np.lib.NumpyVersion(np.__version__) >= "2.0.0"
     core = import_module("numpy._core" if is_new else "numpy.core")
     features = import_module(f"{core.__name__}._multiarray_umath").__cpu_features__
-    found = {}
+    locked = {}
     for name in packages:
         installed = distribution(name)
         files = sorted((installed.read_text("RECORD") or "").splitlines())
         files = [line for line in files if "__pycache__" not in line and ".dist-info/" not in line]
         record = hashlib.sha256("\n".join(files).encode()).hexdigest() if files else ""
-        found[name] = {"version": installed.version, "record": record}
+        locked[name] = {"version": installed.version, "record": record}
     return {
-        "packages": found,
+        "packages": locked,
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()} {' '.join(platform.libc_ver())}".strip(),
         "processor": " ".join(sorted(name for name, has in features.items() if has)),
@@ -47,7 +52,7 @@ def lock_of(packages: tuple[str, ...]) -> dict[str, Any]:
 
 
 def differences(stored: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what is here instead of what was stored, a few words each."""
+    """What differs here from what was stored, in a few words each."""
     for name in sorted({*stored, *here}):
         was, now = stored.get(name), here.get(name)
         if was == now:

@@ -1,11 +1,13 @@
-"""Policies in processes of their own: `random`, a function ("module:function", observation -> action), or an ONNX file.
+"""Policies in processes of their own: `random`, a function, or an ONNX file.
 
-Such a process has the environment too: it is told an episode's cause and the moves made so far, plays
-them for itself, and answers with an action. No observation leaves it. The module that plays is the task's:
+A function is "module:function" and returns an action for an observation. The process has the
+environment too: it gets an episode's cause and the moves so far, plays them for itself, and answers
+with an action. No observation leaves it. The module that plays is the task's:
 
     prepare(argument)        argument is JSON, [task, source]
-    work(argument, request)  request has config, seed and policy_seed. Yields "ready"; then it is sent the further moves and
-                             yields an action as text, or is sent "play" and yields [all moves, digest]
+    work(argument, request)  request has config, seed and policy_seed. Yields "ready"; then it is sent
+                             the further moves and yields an action as text, or it is sent "play" and
+                             yields [all moves, digest]
 """
 
 from __future__ import annotations
@@ -30,13 +32,16 @@ MEMORY_MB = 2048
 """Resident memory that a policy may take beyond the environment's package."""
 Mask = NDArray[np.bool_]
 Choose = Callable[[Any, Mask], int]
-"""Returns an action for an observation and which actions are allowed, a truth value for each."""
+"""Returns an action for an observation and a mask of the allowed actions."""
 MASKS = ("action_masks", "action_mask")
 """What a policy that takes the allowed actions calls them: an argument of a function, an input of an ONNX file."""
 
 
 class ProcessPolicy:
-    """A policy of one configuration (`humanplay.task.Policy`); what `act` is given is the cause of an episode so far."""
+    """A policy of one configuration (`humanplay.task.Policy`).
+
+    It decides on the cause of an episode so far, instead of an observation.
+    """
 
     def __init__(self, preparer: Preparer, name: str) -> None:
         self.name, self._preparer, self._seed = name, preparer, 0
@@ -51,10 +56,10 @@ class ProcessPolicy:
         self._worker = None
 
     def act(self, observation: tuple[Configuration, int, bytes]) -> int:
-        """Return the action after configuration, seed and moves; PolicyError, saying why, where there is none."""
+        """The action after (configuration, seed, moves); PolicyError if there is none."""
         config, seed, moves = observation
         if self._decided >= 0 and moves == self._made:
-            return self._decided  # asked again: it has decided
+            return self._decided  # the same question again
         if self._worker is None or not moves.startswith(self._made):
             self._begin(config, seed)
         assert self._worker is not None
@@ -63,7 +68,7 @@ class ProcessPolicy:
         return self._decided
 
     def play(self, config: Configuration, seed: int) -> tuple[bytes, str]:
-        """Return the moves of a whole episode, and its digest; PolicyError where it fails."""
+        """Play a whole episode; return its moves and digest. PolicyError if it fails."""
         self._begin(config, seed)
         assert self._worker is not None
         moves, digest = self._asked(self._worker.ask, "play")
@@ -85,10 +90,13 @@ class ProcessPolicy:
 
 
 class ProcessPolicies(BasePolicies):
-    """Policies in processes of their own, which step the environment beside the board (`humanplay.task.Policies`).
+    """Policies in processes of their own (`humanplay.task.Policies`).
 
-    module   plays them
-    sources  of those on offer besides `random`
+    Args:
+        module: Plays them.
+        sources: Of those on offer besides `random`.
+        hidden: Files and folders that no policy may read.
+        confined: Whether a process may do no more than it needs.
     """
 
     def __init__(
@@ -101,20 +109,26 @@ class ProcessPolicies(BasePolicies):
     ) -> None:
         self._task, self._module, self._hidden, self._confined = task, module, hidden, confined
         self._preparers: dict[str, Preparer] = {}
-        self._sources = {self._name(each): each for each in ("random", *sources)}
+        self._sources = {self._name(source): source for source in ("random", *sources)}
 
     def _name(self, source: str) -> str:
         return source if self.is_rule(source) else self.file_of(source).stem
 
     def offers(self) -> list[PolicyOffer]:
-        """Return what may be chosen."""
-        every = self._sources.items()
-        return [PolicyOffer(name, _summary(source), source, None, False) for name, source in every]
+        """What may be chosen by name."""
+        return [
+            PolicyOffer(name, _summary(source), source, None, False)
+            for name, source in self._sources.items()
+        ]
 
     def load(self, name: str, config: Configuration | None = None) -> ProcessPolicy:
-        """Return a new policy by its name on offer or its source; PolicyError where there is none.
+        """A new policy by its name on offer or its source.
 
-        config  one that it must be able to play
+        Args:
+            config: One that it must be able to play.
+
+        Raises:
+            PolicyError: If there is none, or it cannot be played.
         """
         source = self._sources.get(name, name)
         if source not in self._preparers:
@@ -129,23 +143,23 @@ class ProcessPolicies(BasePolicies):
         return policy
 
     def is_rule(self, source: str) -> bool:
-        """Return whether it is code and no file."""
+        """Whether it is code and no file."""
         return source == "random" or not source.endswith(".onnx")
 
     def file_of(self, source: str) -> Path:
-        """Return the path of its file; PolicyError where there is none."""
+        """The path of its file; PolicyError if there is none."""
         if not (path := Path(source)).is_file() or self.is_rule(source):
             raise PolicyError(f"expected random, module:function or an ONNX file, got {source!r}")
         return path
 
     def hash_of(self, source: str) -> str | None:
-        """Return SHA-256 (hex) of its file; None for code."""
+        """SHA-256 (hex) of its file; None for code."""
         if self.is_rule(source):
             return None
         return hashlib.sha256(self.file_of(source).read_bytes()).hexdigest()
 
     def play(self, policy: Policy, config: Configuration, seed: int, policy_seed: int) -> Run:
-        """Return the ended run of a policy, reset with `policy_seed`, on the instance of a seed."""
+        """Play an episode on the instance of a seed; `policy_seed` resets the policy."""
         if not isinstance(policy, ProcessPolicy):
             raise TypeError(f"expected a policy in a process, got a {type(policy).__name__}")
         policy.reset(policy_seed)
@@ -154,8 +168,10 @@ class ProcessPolicies(BasePolicies):
     def play_all(
         self, sources: Sequence[str], config: Configuration, seeds: Sequence[int]
     ) -> Iterator[tuple[str, int, bytes, str]]:
-        """Yield source, seed, actions and digest of each policy's episode on each instance; PolicyError as `load`."""
-        for source, policy in [(each, self.load(each, config)) for each in sources]:
+        """Play an episode of each policy on each instance; PolicyError as `load`."""
+        # load all of them before any plays
+        policies = [(source, self.load(source, config)) for source in sources]
+        for source, policy in policies:
             for seed in seeds:
                 policy.reset(seed)
                 yield source, seed, *policy.play(config, seed)
@@ -221,7 +237,12 @@ KINDS = {
 
 
 def chooser(source: str, seed: int, code_of: Callable[[Any], int] = int) -> Choose:
-    """Return what decides by codes; `seed` of its random numbers, `code_of` an action as the environment has it."""
+    """What decides, by codes.
+
+    Args:
+        seed: Of its random numbers.
+        code_of: The code of an environment's own action.
+    """
     if source == "random":
         return _random(seed)
     if source.endswith(".onnx"):
@@ -259,11 +280,11 @@ def _random(seed: int) -> Choose:
 
 
 def _network(path: str, code_of: Callable[[Any], int]) -> Choose:
-    """Return what an ONNX file decides, as Stable-Baselines3 documents its export: a batch of one in, actions first out.
+    """An ONNX file, as Stable-Baselines3 exports: a batch of one, actions first.
 
-    An input is the observation, or its entry of that name, in the input's type; a picture is given channels first where the
-    input has them so. One that is called as in MASKS is given which actions are allowed. An output of whole numbers is the
-    action, of one that is not whole the largest is taken.
+    An input gets the observation, or its entry of that name, in the input's type; a picture has its
+    channels first if the input has. An input with a name of MASKS gets which actions are allowed. An
+    output of whole numbers is the action; of others the largest one counts.
     """
     import onnxruntime
 

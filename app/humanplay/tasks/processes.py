@@ -1,4 +1,4 @@
-"""Work that may crash, hang, take all memory or mean harm, in processes of its own that end alone.
+"""Processes for work that may crash, hang, take all memory or do harm.
 
 A `Preparer` starts one process, which imports a module once and forks another for each request; `Worker` is the server's end of
 such a one. It is executed anew, with few variables of the environment and none of the server's descriptors, and `confine`s
@@ -16,6 +16,7 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import json
+import logging
 import os
 import pwd
 import resource
@@ -80,6 +81,8 @@ MORE, LAST = b"\x00", b"\x01"
 """What a piece begins with; a message of JSON begins with a brace."""
 
 
+_log = logging.getLogger(__name__)
+
 Binary = tuple[Any, bytes]
 """An answer in pieces: what JSON holds, and bytes."""
 Work = Generator[Any, Any, None]
@@ -97,19 +100,42 @@ class RaisedError(Exception):
 
 
 def variables() -> dict[str, str]:
-    """The variables of a process where an environment steps: few of this one's, and the fixed ones."""
+    """Environment variables of a worker: the fixed ones, and a few of this process's."""
     paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
     inherited = {name: os.environ[name] for name in KEPT if name in os.environ}
     return inherited | FIXED | {"PYTHONPATH": paths}
 
 
-class Preparer:
-    """A process that forks workers, started when the first is wanted and again where it is gone.
+def start_process(
+    words: tuple[str, str, str], connection: int, environ: Mapping[str, str], folder: Path
+) -> subprocess.Popen[bytes]:
+    """Start the process of a `Preparer`, which inherits one descriptor.
 
-    memory_mb  resident memory that a worker may take beyond the preparer's
-    readable   further files and folders that workers may read
-    hidden     files and folders that they may not, although they are in one that they may; and what begins like them
-    confined   False lets workers do what the user may, in the user's folders and network
+    Args:
+        words: Its module, its argument, and its settings as JSON.
+        connection: Over which it is sent its requests.
+    """
+    return subprocess.Popen(
+        [sys.executable, "-m", "humanplay.tasks.processes", *words, str(connection)],
+        env=environ,
+        cwd=folder,
+        pass_fds=[connection],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+class Preparer:
+    """A process that forks workers; started when needed, and again if it is gone.
+
+    Args:
+        memory_mb: Resident memory that a worker may take beyond the preparer's.
+        readable: Further files and folders that workers may read.
+        hidden: Files and folders that they may not read although a folder above is readable; and
+            files whose names begin like theirs.
+        confined: False lets workers do what the user may, in the user's folders and network.
     """
 
     def __init__(
@@ -135,13 +161,17 @@ class Preparer:
         self._guards: dict[str, str] = {}
 
     def guards(self) -> Mapping[str, str]:
-        """Return what guards its workers, each with "" or why it is not on; ValueError where the process does not start."""
+        """Guard of the workers -> "" or why it is off.
+
+        Raises:
+            ValueError: If the process does not start.
+        """
         with self._changing:
             self._running_process()
         return self._guards
 
     def begin(self, request: Mapping[str, object]) -> Worker:
-        """Return a new worker, whose first answer is still to come; ValueError, saying why, where there is none."""
+        """A new worker, whose first answer is still to come; ValueError if there is none."""
         mine, theirs = socket.socketpair()
         with mine, self._changing, theirs:
             for attempt in (0, 1):
@@ -179,12 +209,8 @@ class Preparer:
                 environ |= {"HOME": str(place), "TMPDIR": str(place)}
             elif "HOME" in os.environ:
                 environ["HOME"] = os.environ["HOME"]
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "humanplay.tasks.processes", self._module, self.argument, json.dumps(self._settings),
-                 str(theirs.fileno())],
-                env=environ, cwd=place, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
-            )  # fmt: skip
+            words = self._module, self.argument, json.dumps(self._settings)
+            self._process = start_process(words, theirs.fileno(), environ, place)
             self._connection = Connection(mine.detach())
         self._ended = weakref.finalize(self, _end, self._process, self._connection, self.folder)
         try:
@@ -195,12 +221,17 @@ class Preparer:
             raise
         if "error" in message:
             self.close()
+            if trace := message["traceback"]:
+                _log.error("%s cannot be prepared:\n%s", self.argument, trace)
             raise ValueError(message["error"])
         self._guards = message["guards"]
         return self._process
 
     def close(self) -> None:
-        """End the process, and with it all workers; the same happens when nothing refers to it any more, and at exit."""
+        """End the process and all workers.
+
+        The same happens at exit, and when nothing refers to this object any more.
+        """
         if self._process is not None:
             self._ended()
             self._process = None
@@ -216,9 +247,10 @@ def _end(process: subprocess.Popen[bytes], connection: Connection, folder: Path)
 class Worker:
     """The server's end of a worker's process.
 
-    pid      None: a program answers that is not ours to measure or to end
-    shared   bytes of resident memory that its preparer has, which are counted once
-    allowed  bytes that it may take beyond them
+    Args:
+        pid: None if a program answers that we neither measure nor end.
+        shared: Bytes of resident memory that its preparer has, which count once.
+        allowed: Bytes that it may take beyond them.
     """
 
     def __init__(self, connection: Connection, pid: int | None, shared: int, allowed: int) -> None:
@@ -229,21 +261,24 @@ class Worker:
         self._ready.register(connection.fileno(), select.POLLIN)
 
     def resident(self) -> int:
-        """Return the resident memory that it takes by itself, in bytes."""
+        """Resident memory that it takes beyond its preparer's, in bytes."""
         if self.pid is None or self.connection.closed:
             return 0
         return max(0, _resident(self.pid) - self._shared)
 
     def ask(self, question: Any) -> Any:
-        """Return the answer to a question; `LostError` where there is none."""
+        """The answer to a question; `LostError` if there is none."""
         self._send(question)
         return self.answer()
 
     async def ask_without_thread(self, question: Any) -> bool:
-        """Send a question and return whether `answer` has its answer at once; else it is to be called on a thread.
+        """Send a question; False if `answer` must wait for it on a thread.
 
-        No thread waits for it in the first LOOK_S, which are enough for most: that is a third of what a move costs a server.
-        `LostError` where it cannot be sent.
+        In the first LOOK_S, which are enough for most answers, the event loop waits for it. A thread
+        for it would take a third of what a move costs a server.
+
+        Raises:
+            LostError: If it cannot be sent.
         """
         self._send(question)
         loop, number = asyncio.get_running_loop(), self.connection.fileno()
@@ -278,7 +313,12 @@ class Worker:
             raise LostError("its process had ended") from error
 
     def _read(self) -> None:
-        """Take what has come of a message; EOFError where nobody sends any more, OSError where it is too long."""
+        """Receive a part of a message.
+
+        Raises:
+            EOFError: If the other end is closed.
+            OSError: If the message is too long.
+        """
         if not (came := os.read(self.connection.fileno(), 2**18)):
             raise EOFError
         self._bytes += came
@@ -286,7 +326,7 @@ class Worker:
             raise OSError("its message is too long")
 
     def _message(self) -> dict[str, Any]:
-        """Return the next message, as `Connection.send_bytes` frames it, empty where not all of it has come."""
+        """The next message, framed by `Connection.send_bytes`; empty if it is incomplete."""
         end = 4 + int.from_bytes(self._bytes[:4], "big")
         if len(self._bytes) < max(5, end):
             return {}
@@ -301,15 +341,16 @@ class Worker:
         return self._message() if content[:1] == MORE else self._joined()
 
     def _joined(self) -> dict[str, Any]:
-        """Return the answer whose last piece has come."""
+        """The answer of all pieces, once the last one has come."""
         whole, self._pieces = bytes(self._pieces), bytearray()
         end = 4 + int.from_bytes(whole[:4], "big")
         return {"answer": (json.loads(whole[4:end]), whole[end:])}
 
     def answer(self, progress: Callable[[int], object] = lambda done: None) -> Any:
-        """Return the next answer; `LostError` where none comes, after which the process is ended.
+        """The next answer; `LostError` if none comes: then the process is ended.
 
-        progress  called with how much is done, now and then
+        Args:
+            progress: Called with how much is done, now and then.
         """
         try:
             message = self._wait_for_answer(progress)
@@ -354,16 +395,16 @@ class Worker:
 
 
 def _resident(pid: int) -> int:
-    """Return the resident memory of a process in bytes, 0 where there is none or the system does not say."""
+    """Resident memory of a process in bytes; 0 if it is unknown."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
     except (OSError, IndexError):
         return 0
 
 
-def _serve(name: str, argument: str, settings: Mapping[str, Any], descriptor: int) -> None:
+def serve(name: str, argument: str, settings_json: str, descriptor: int) -> None:
     """Fork a worker for each request, until nobody asks any more."""
-    connection = Connection(descriptor)
+    connection, settings = Connection(descriptor), json.loads(settings_json)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     give_way(5)  # a worker that takes all it can get gives way to the server
@@ -375,7 +416,8 @@ def _serve(name: str, argument: str, settings: Mapping[str, Any], descriptor: in
         module = import_module(name)
         module.prepare(argument)
     except Exception as error:
-        connection.send_bytes(json.dumps({"error": _said(error)}).encode())
+        failure = {"error": _said(error), "traceback": "" if _is_ours(error) else _trace_of(error)}
+        connection.send_bytes(json.dumps(failure).encode())
         return
     connection.send_bytes(json.dumps({"guards": guards}).encode())
     while True:
@@ -424,9 +466,18 @@ def _work(
 
 def send_failure(connection: Connection, error: BaseException) -> None:
     """Send what was raised instead of an answer, with its traceback."""
-    trace = "".join(traceback.format_exception(error))[-MOST_OF_TRACEBACK:]
-    failure = {"error": _said(error), "traceback": trace}
+    failure = {"error": _said(error), "traceback": _trace_of(error)}
     connection.send_bytes(json.dumps(failure).encode())
+
+
+def _trace_of(error: BaseException) -> str:
+    return "".join(traceback.format_exception(error))[-MOST_OF_TRACEBACK:]
+
+
+def _is_ours(error: BaseException) -> bool:
+    """Whether code of this package raised an error, whose text then says all."""
+    (*_, (innermost, _)) = traceback.walk_tb(error.__traceback__)
+    return str(innermost.f_globals.get("__name__")).startswith("humanplay.")
 
 
 def send_answer(connection: Connection, answer: Any) -> None:
@@ -453,7 +504,10 @@ def _said(error: BaseException) -> str:
 
 
 def confine(readable: Iterable[str], hidden: Iterable[str], folder: Path) -> dict[str, str]:
-    """Take from this process for good what it does not need; return each guard with "", or why it is not on.
+    """Take from this process for good what it does not need.
+
+    Returns:
+        Guard -> "", or why it is off.
 
     OTHER_USER      it becomes `nobody`, where it is root's and `nobody` can read its packages
     NO_NETWORK      a network namespace of its own without interfaces
@@ -467,22 +521,22 @@ def confine(readable: Iterable[str], hidden: Iterable[str], folder: Path) -> dic
         OTHER_USER: lambda: _become_nobody(may_read, folder),
         NO_OTHER_FILES: lambda: _keep_to(may_read, [*hidden], folder),
     }
-    missing = {}
+    reasons = {}
     for name, guard in guards.items():
         try:
             guard()
         except AttributeError as error:  # another system than Linux
-            missing[name] = f"this system has none: {error}"
+            reasons[name] = f"this system has none: {error}"
         except (OSError, KeyError) as error:
-            missing[name] = getattr(error, "strerror", None) or str(error)
+            reasons[name] = getattr(error, "strerror", None) or str(error)
         else:
-            missing[name] = ""
+            reasons[name] = ""
     _drop_capabilities()
-    return missing
+    return reasons
 
 
 def guards_of(guards: Mapping[str, str]) -> str:
-    """Return what `confine` returned as a sentence that says what is on, what is not and why, and what that is worth."""
+    """The guards of `confine` in a sentence: what is on, and what is off and why."""
     if not guards:
         return "boards run in processes of their own, which may do what you may"
     on = [name for name, reason in guards.items() if not reason]
@@ -495,7 +549,7 @@ def guards_of(guards: Mapping[str, str]) -> str:
 
 
 def _drop_capabilities() -> None:
-    """Leave root, where it could become nobody else, without root's rights over others' files and the system."""
+    """Take from root its rights over other users' files and the system."""
     with suppress(AttributeError):
         _libc().capset(struct.pack("Ii", 0x20080522, 0), bytes(24))  # linux/capability.h, version 3
 
@@ -530,7 +584,7 @@ def _become_nobody(may_read: Iterable[str], folder: Path) -> None:
     os.setegid(nobody.pw_gid)
     os.seteuid(nobody.pw_uid)
     needed = [path for path in (*may_read, __file__, sys.executable) if path not in SYSTEM]
-    unreadable = [each for each in needed if not _may_read(each)]
+    unreadable = [path for path in needed if not _may_read(path)]
     os.seteuid(0)
     if unreadable:
         os.setegid(0)
@@ -542,7 +596,7 @@ def _become_nobody(may_read: Iterable[str], folder: Path) -> None:
 
 
 def _may_read(path: str) -> bool:
-    """Return whether the effective user can read a path; one that is not there is no matter."""
+    """Whether the effective user can read a path; True for a missing one."""
     try:
         is_folder = Path(path).is_dir()
         Path(path).stat()
@@ -570,7 +624,11 @@ NO_NEW_PRIVILEGES = 38
 
 
 def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> None:
-    """Restrict files, and TCP, abstract sockets and signals where Landlock knows them; OSError where there is none."""
+    """Restrict files by Landlock, and what else it can: TCP, sockets, signals.
+
+    Raises:
+        OSError: If the system has no Landlock.
+    """
     if sys.platform != "linux":  # where these numbers are other calls
         raise OSError(0, "this system has no Landlock")
     libc = _libc()
@@ -601,7 +659,7 @@ def _keep_to(may_read: Iterable[str], hidden: Sequence[str], folder: Path) -> No
 
 
 def _readable(paths: Iterable[str], hidden: Sequence[str]) -> Iterator[str]:
-    """Yield the paths, and in place of one with something hidden in it what else is in it."""
+    """The paths; instead of one with hidden files in it, its other content."""
     for path in map(os.path.realpath, paths):
         if any(path.startswith(secret) for secret in hidden):
             continue
@@ -609,17 +667,17 @@ def _readable(paths: Iterable[str], hidden: Sequence[str]) -> Iterator[str]:
             any(secret.startswith(path.rstrip("/") + "/") for secret in hidden)
             and Path(path).is_dir()
         ):
-            yield from _readable([str(secret) for secret in Path(path).iterdir()], hidden)
+            yield from _readable([str(child) for child in Path(path).iterdir()], hidden)
         else:
             yield path
 
 
 def _parted(paths: Iterable[str], hidden: Sequence[str]) -> Iterator[str]:
-    """Yield the folders of which not everything may be read: their names may be listed."""
+    """Folders of which not everything may be read; their names may be listed."""
     for path in map(os.path.realpath, paths):
         if any(secret.startswith(path.rstrip("/") + "/") for secret in hidden):
             yield path
 
 
 if __name__ == "__main__":
-    _serve(sys.argv[1], sys.argv[2], json.loads(sys.argv[3]), int(sys.argv[4]))
+    serve(sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4]))

@@ -1,4 +1,4 @@
-"""What a world has that is shown as a text: configuration, run, view, messages and environment.
+"""Configuration, run, view, messages and environment of a world shown as a text.
 
 The world adds what a move does and what is seen of it: `examples/worlds/maze` is one.
 """
@@ -57,7 +57,7 @@ class TextConfig:
 
 
 class TextRun(ABC):
-    """A running episode (`humanplay.task.Run`): a world says what a move does and what is seen.
+    """A running episode (`humanplay.task.Run`); a world defines moves and views.
 
     config, seed  its cause; `actions` are the moves so far, one byte each
     outcome       "running" until the world or the limit ends it
@@ -96,7 +96,7 @@ class TextRun(ABC):
         return self.outcome != "running"
 
     def step(self, action: int) -> float:
-        """Make one move; RuntimeError once the episode has ended, ValueError for no action."""
+        """Make one move; RuntimeError after the end, ValueError for an unknown action."""
         if self.ended:
             raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
         if action not in range(len(self.names)):
@@ -218,7 +218,7 @@ class History(ServerMessage):
 
 
 class TextEnvironment(BaseEnvironment, ABC):
-    """An environment shown as a text (`humanplay.task.Environment`): a world names its parts.
+    """An environment shown as a text (`humanplay.task.Environment`).
 
     name            of the task; `assets` is the folder that draws it
     run_of          its kind of `TextRun`

@@ -89,7 +89,7 @@ class ShownName(Message):
 
 
 class OutcomeTexts(Message):
-    """What people read at their end, by the outcome.
+    """What people read when they finish or leave, by the outcome.
 
     An empty text takes one away.
     """
@@ -293,9 +293,12 @@ async def revoke_invitations(
     return answers.RevokedInvitations(revoked=[invitation.id for invitation in revoked])
 
 
-@router.post("/api/admin/studies/{name}/outcomes", summary="Change what people read at their end")
+@router.post(
+    "/api/admin/studies/{name}/outcomes",
+    summary="Change what people read when they finish or leave",
+)
 async def change_outcomes(admin: Operator, name: str, wanted: OutcomeTexts) -> answers.ChangedTexts:
-    """Change what people read at their end.
+    """Change what people read when they finish or leave.
 
     An entry of the chain says that it changed.
     """
@@ -406,7 +409,7 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[answers.Liv
 
     Those of participants come first. No player's id is in them.
     """
-    live = [one for one in lobby.sessions() if one.is_human and one.channel.subscribers]
+    live = [one for one in lobby.sessions() if not one.has_policy and one.channel.subscribers]
 
     def newest(present: Participant | None) -> Trial | None:
         trials = [] if present is None else study_store.trials(present.id)

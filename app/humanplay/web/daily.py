@@ -64,7 +64,7 @@ async def get_today(request: Request) -> dict[str, object]:
     mine = next((attempt for attempt in attempts if attempt.day == terrain.day), None)
     ended = await store.read(lambda: results(store, terrain.series.name, terrain.ends_ms))
     return {
-        **describe_terrain(services, terrain),
+        **await describe_terrain(services, terrain),
         "now_ms": services.lobby.sources.clock_ms(),
         "next_ms": terrain.ends_ms,
         "max_steps": terrain.config.limit,
@@ -115,7 +115,7 @@ async def get_day(request: Request, day: Day) -> dict[str, object]:
     terrain.
     """
     services = services_of(request)
-    return describe_terrain(services, await _terrain_on(services, day))
+    return await describe_terrain(services, await _terrain_on(services, day))
 
 
 @router.get(
@@ -164,13 +164,14 @@ async def day_page(request: Request, day: Day) -> Response:
     return page(request, "daily", NO_CACHE, **context)
 
 
-def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, object]:
+async def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, object]:
     """What anybody may know of a day's terrain now.
 
     `key` and `seed` are None before the day is over. `protocol` is the canonical JSON that the seed
     is drawn for, beside the key.
     """
     is_over = terrain.day < services.daily_boards.day()
+    older, newer = await services.daily_boards.beside(terrain.day)
     return {
         "day": terrain.day,
         "level": terrain.config.level,
@@ -179,12 +180,14 @@ def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, obj
         "commitment": terrain.series.commitment,
         "key": terrain.series.secret if is_over else None,
         "seed": terrain.seed if is_over else None,
+        "older": older,
+        "newer": newer,
     }
 
 
 async def _earlier(services: Services, day: str) -> dict[str, object] | None:
     terrain = await services.daily_boards.on(day)
-    return None if terrain is None else describe_terrain(services, terrain)
+    return None if terrain is None else await describe_terrain(services, terrain)
 
 
 async def _terrain_on(services: Services, day: str) -> DailyTerrain:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import json
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 from fastapi import APIRouter, Request
@@ -13,13 +14,17 @@ from starlette.exceptions import HTTPException
 
 from humanplay.db import names
 from humanplay.results.puzzles import puzzles_of
-from humanplay.study.folder import Folder
+from humanplay.study.folder import Folder, StudyError
+from humanplay.study.progress import StageError
+from humanplay.study.protocol import SOURCE_LANGUAGE
+from humanplay.study.translation import OWN
+from humanplay.study.wording import Wording, preferred, software_wording, wording_of
 from humanplay.task import Environment
 from humanplay.web import api, api_docs
-from humanplay.web.access import PLAYER, player_of, services_of
+from humanplay.web.access import PLAYER, participant_of, player_of, services_of
 from humanplay.web.files import reads_gzip
 from humanplay.web.protection import NO_CACHE, page_policy
-from humanplay.web.templates import addresses, environment, root_of
+from humanplay.web.templates import addresses, environment, page_text, root_of
 
 PAGES = {
     "/study": "studies", "/leaderboard": "leaderboard", "/about": "about",
@@ -29,6 +34,9 @@ PAGES = {
 
 OF_BOARDS = frozenset({"daily", "leaderboard"})
 """Those of a world that has boards of people."""
+
+OF_SERVER = (OWN, "refused.", "stage.", "practice.", "outcome.")
+"""What the IDs of texts begin with that no page needs; right answers and other arms' texts must not reach a browser."""
 
 router = APIRouter(include_in_schema=False)
 admin_router = APIRouter(include_in_schema=False)
@@ -169,7 +177,33 @@ async def study_page(request: Request, name: str) -> Response:
                 place = f"play/{offer}/study/{name}" if number else f"study/{name}"
                 at = request.url.replace(path=place, netloc="", scheme="")
                 return RedirectResponse(f"{root}{at}", 307, NO_CACHE)
-    return page(request, "study")
+    wording = await _wording(request, name)
+    texts = {
+        ident: text for ident, text in wording.texts.items() if not ident.startswith(OF_SERVER)
+    }
+    return page(request, "study", language=wording.language, texts=texts, t=page_text(wording))
+
+
+async def _wording(request: Request, name: str) -> Wording:
+    """The words of a study's page.
+
+    They are in the language that a participant chose, else in one that their browser asks for.
+    """
+    services, player = services_of(request), participant_of(request)
+    try:
+        protocol = services.progress.study(name).protocol
+    except (StudyError, StageError):
+        return software_wording(SOURCE_LANGUAGE)
+    chosen = None
+    if player is not None and len(protocol.languages) > 1:
+        find = services.progress.study_store.participant_of_player
+        participant = await services.store.read(partial(find, name, player))
+        chosen = participant and json.loads(participant.settings).get("language")
+    if chosen in protocol.languages:
+        return wording_of(protocol, chosen)
+    return wording_of(
+        protocol, preferred(request.headers.get("accept-language", ""), protocol.languages)
+    )
 
 
 @router.get("/studies")

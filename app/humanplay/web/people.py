@@ -1,4 +1,4 @@
-"""People by the names that they chose: how far each is from Expert, and one's own name.
+"""The people's board, by the names that people chose; and one's own name.
 
 A name is no account: it belongs to the player's cookie, and nothing of a study knows that cookie.
 """
@@ -50,21 +50,21 @@ class NewName(Message):
 
 
 def likeness(name: str) -> str:
-    """Return what a name looks like: the same for names that a reader would take for each other."""
+    """What a name looks like: equal for names that readers confuse."""
     letters = unicodedata.normalize("NFKD", name.casefold())
-    plain = "".join(each for each in letters if not unicodedata.combining(each))
+    plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
     return plain.translate(_SAME).replace("i", "l").replace("rn", "m").replace("vv", "w")
 
 
 def cleaned(text: str) -> str:
-    """Return a name as it is shown; ValueError, a sentence, for one that cannot be."""
-    name = " ".join(each for each in unicodedata.normalize("NFKC", text).split(" ") if each)
+    """A name as it is shown; ValueError if it cannot be shown."""
+    name = " ".join(word for word in unicodedata.normalize("NFKC", text).split(" ") if word)
     if not SHORTEST <= len(name) <= LONGEST:
         raise ValueError(f"a name has {SHORTEST} to {LONGEST} characters, this one {len(name)}")
-    wrong = {each for each in name if not (each.isalpha() or each.isdecimal() or each in " -_.'")}
-    if wrong or not any(each.isalpha() for each in name):
+    wrong = {sign for sign in name if not (sign.isalpha() or sign.isdecimal() or sign in " -_.'")}
+    if wrong or not any(sign.isalpha() for sign in name):
         raise ValueError("a name is made of letters, with digits, spaces, and - _ . ' if you like")
-    scripts = {unicodedata.name(each, "?").split(" ")[0] for each in name if each.isalpha()}
+    scripts = {unicodedata.name(sign, "?").split(" ")[0] for sign in name if sign.isalpha()}
     others = scripts - {"CJK", "HIRAGANA", "KATAKANA", "HANGUL"}
     if len(others) > 1 or ("LATIN" in scripts and len(scripts) > 1):
         raise ValueError("a name is written in one script: letters of two can look alike")
@@ -72,7 +72,7 @@ def cleaned(text: str) -> str:
     words = {looks, *map(likeness, re.split(r"[ ._-]", name))}
     if looks in map(likeness, _RESERVED.split()):
         raise ValueError("this name stands for something else here: choose another")
-    is_bad = any(likeness(each) in looks for each in _ANYWHERE.split())
+    is_bad = any(likeness(word) in looks for word in _ANYWHERE.split())
     if is_bad or words & set(map(likeness, _WHOLE.split())):
         raise ValueError("this name may offend somebody: choose another")
     return name
@@ -80,7 +80,7 @@ def cleaned(text: str) -> str:
 
 @router.get("/people", response_model=People, summary="People by their distance from Expert")
 async def get_people(request: Request, period: Period = "all") -> PeopleTable:
-    """Return the people's board: who plays ranked terrains of the daily's kind, the nearest to Expert first.
+    """Return who plays ranked terrains like the daily, nearest to Expert first.
 
     All ranked terrains of the period count that Expert finishes, `most_behind` moves at most each;
     one that was not finished, or with moves that fit no key, counts as many. From `fewest` on a
@@ -96,7 +96,9 @@ async def get_people(request: Request, period: Period = "all") -> PeopleTable:
 
 @router.put("/me/name", response_model=OwnName, summary="Choose the name by which you are shown")
 async def set_name(request: Request, response: Response, wanted: NewName) -> dict[str, object]:
-    """Choose a name, or another one; 422 for one that cannot be shown, 409 for a taken one, and before the first terrain.
+    """Choose a name, or another one.
+
+    422 for one that cannot be shown; 409 for a taken one, and before the first terrain.
 
     A server that asks for names takes one before it too.
     """
@@ -126,14 +128,14 @@ async def remove_name(request: Request) -> dict[str, object]:
 
 
 def _new_player(request: Request) -> str:
-    """The player who asks, a new one without a cookie; HTTPException 403 unless a page of this server asks."""
+    """The player who asks, or a new one; 403 unless a page of this server asks."""
     if not has_own_origin(request):
         raise HTTPException(403, "a name is chosen on this server's page")
     return player_of(request) or services_of(request).lobby.sources.player_id()
 
 
 def _own_player(request: Request) -> str:
-    """Return the player who asks; HTTPException 403 unless a page of this server does, 409 without a cookie."""
+    """The player who asks; 403 unless our page asks, 409 without a cookie."""
     if not has_own_origin(request):
         raise HTTPException(403, "a name is chosen on this server's page /me")
     if (player_id := player_of(request)) is None:

@@ -246,7 +246,7 @@ def _add_protection(
     app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
     app.add_middleware(
         Gate,
-        names=own_names(settings.public_url, settings.host),
+        names=None if settings.any_host else own_names(settings.public_url, settings.host),
         proxies=Proxies(settings.trusted_proxies, settings.public_url),
         public_url=settings.public_url,
         cookies=tuple(

@@ -21,6 +21,8 @@ from pydantic import (
     JsonValue,
     SecretStr,
     ValidationError,
+    ValidationInfo,
+    field_validator,
 )
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
@@ -84,6 +86,10 @@ def _checked_proxy(proxy: str) -> str:
             "expected the proxy's own address or network: with everybody named, everybody could invent addresses"
         )
     return str(network)
+
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+"""Where a server listens that nobody but this machine reaches."""
 
 
 def read_bucket(text: str) -> tuple[int, float]:
@@ -221,6 +227,10 @@ class Settings(Place):
     confined: bool = True
     """False lets environments and policies do what you may, in your folders and your network, as
     `humanplay play` does."""
+    any_host: bool = False
+    """True answers for every host name, as the call `play` does in a notebook of a JupyterHub, which
+    does not tell its own. A server refuses it that is confined, listens for others than this machine
+    or has a public URL."""
     asks_name: bool = False
     """True asks whoever comes for a name before the first episode, as the call `play` does."""
     trusted_proxies: tuple[Annotated[str, AfterValidator(_checked_proxy)], ...] = ()
@@ -253,6 +263,17 @@ class Settings(Place):
     """Seconds without a move after which a ranked episode on the playground counts as abandoned."""
     limits: Limits = Limits()
     """What one client may ask of the server."""
+
+    @field_validator("any_host")
+    @classmethod
+    def _check_any_host(cls, any_host: bool, info: ValidationInfo) -> bool:
+        settings = info.data
+        is_open = not settings.get("confined", True) and settings.get("public_url") is None
+        if any_host and not (is_open and settings.get("host") in LOOPBACK):
+            raise ValueError(
+                "expected false, unless confined is false, host is this machine and there is no public_url"
+            )
+        return any_host
 
     @property
     def backups(self) -> Path:

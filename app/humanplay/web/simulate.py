@@ -372,13 +372,13 @@ def _answer_to(question: ShownQuestion, draws: random.Random) -> object:
         case "scale":
             return draws.randrange(question.steps or 1)
         case "number":
-            least, most = question.least or 0, question.most or 0
+            minimum, maximum = question.minimum or 0, question.maximum or 0
             if question.whole:
-                return draws.randint(math.ceil(least), math.floor(most))
-            return draws.uniform(least, most)
+                return draws.randint(math.ceil(minimum), math.floor(maximum))
+            return draws.uniform(minimum, maximum)
         case "statement":
             return True
-    return "A synthetic player has no words."[: math.floor(question.most or 0)]
+    return "A synthetic player has no words."[: question.max_length or 0]
 
 
 def _content(answer: httpx.Response) -> dict[str, Any]:

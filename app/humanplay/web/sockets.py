@@ -32,6 +32,7 @@ from humanplay.board.participation import HUMAN, SCRIPT, RefusedError, StudyUnav
 from humanplay.board.session import Move, Session
 from humanplay.db.store import StoreError
 from humanplay.task import Task
+from humanplay.task.sentences import sentence_of
 from humanplay.web.access import close, is_owner, services_of, session_of
 from humanplay.web.protection import has_own_origin
 
@@ -188,7 +189,7 @@ class PlaySocket:
             return encode_refused(str(refusal), session.frame)
         except (BadMessageError, PermissionError, StoreError) as error:
             self._count_refusal("not_written" if isinstance(error, StoreError) else "bad_message")
-            return encode_error(str(error))
+            return encode_error(sentence_of(error))
 
     def _is_handed_over(self) -> bool:
         """Whether the board is another cookie's since this socket joined it."""

@@ -1,11 +1,11 @@
-"""Taking part in a study over HTTP: the study's page uses it, and so does a script that takes part."""
+"""Taking part in a study over HTTP; the study's page uses it, and so do scripts."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Annotated, Literal, TypeVar
 
@@ -15,6 +15,7 @@ from pydantic import Field, field_validator, model_validator
 
 from humanplay.board.messages import PRINTABLE, Message
 from humanplay.board.participation import RefusedError
+from humanplay.db.store import StoreError
 from humanplay.db.study_rows import Participant, participant_label
 from humanplay.db.trial import Trial
 from humanplay.study.arms import keys_of, questions_of
@@ -25,16 +26,27 @@ from humanplay.study.outcome import Outcome
 from humanplay.study.outcomes import Ending
 from humanplay.study.practice import criterion
 from humanplay.study.progress import NotJoinedError, ParticipantProgress, StageError
-from humanplay.study.protocol import Arm, DraftStudyError, Protocol, StudyError, UnknownStudyError
+from humanplay.study.protocol import (
+    SOURCE_LANGUAGE,
+    DraftStudyError,
+    Protocol,
+    StudyError,
+    UnknownStudyError,
+)
+from humanplay.study.protocol_arms import Arm
 from humanplay.study.questions import shown
 from humanplay.study.recruitment import LONGEST_ID, Arrival, supervised_until_ms
 from humanplay.study.templates import placeholder_values
+from humanplay.study.translation import localized
+from humanplay.study.wording import Wording, preferred, software_wording, wording_of
 from humanplay.task import describe
+from humanplay.task.sentences import Sentence, sentence_of
 from humanplay.web.access import PARTICIPANT, participant_of, remember_player, services_of
 from humanplay.web.answers.replays import Costs, DebriefRuns
 from humanplay.web.answers.studies import ListedStudy, Participation, Ticket
 from humanplay.web.answers.studies import Study as StudyAnswer
 from humanplay.web.api import session_summary
+from humanplay.web.errors import status_of
 from humanplay.web.results import costs_of
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
@@ -44,26 +56,68 @@ T = TypeVar("T")
 Index = Annotated[int, Path(ge=0, le=10_000)]
 
 RULES = ("coverage", "lidar_radius", "max_steps")
-"""What the page's own sentences say of the configuration, by the names of `humanplay.study.templates.PLACEHOLDERS`."""
+"""The placeholders of `humanplay.study.templates` that the page's sentences have."""
 
-WITHDRAWN_ANYHOW = "You have withdrawn."
+WITHDRAWN_ANYHOW = Sentence("left.anyhow", "You have withdrawn.")
 OPENINGS = {
-    Outcome.FAILED_QUESTIONS: "The questions were not all answered rightly in the tries that this study allows: it ends here. "
-    "Thank you.",
-    Outcome.FAILED_PRACTICE: "The practice was not passed in the tries that this study allows: it ends here. Thank you.",
-    Outcome.FAILED_ATTENTION: "Some questions were there to see whether they are read, and too many were not answered as they "
-    "asked: the study ends here. Thank you.",
+    Outcome.FAILED_QUESTIONS: Sentence(
+        "left.failed_questions",
+        "The questions were not all answered rightly in the tries that this study allows: it ends here. Thank you.",
+    ),
+    Outcome.FAILED_PRACTICE: Sentence(
+        "left.failed_practice",
+        "The practice was not passed in the tries that this study allows: it ends here. Thank you.",
+    ),
+    Outcome.FAILED_ATTENTION: Sentence(
+        "left.failed_attention",
+        "Some questions were there to see whether they are read, and too many were not answered as they asked: the "
+        "study ends here. Thank you.",
+    ),
 }
-"""What somebody reads first for whom it ends without their wish."""
-WITHDRAWN = (
+"""What participants read first for whom the study ends without their wish."""
+WITHDRAWN = Sentence(
+    "left.kept",
     "{opening} What you had played until then is kept without your name. To have it erased, write to {contact} and "
-    "give them your label {label}."
+    "give them your label {label}.",
 )
-WITHDRAWN_AND_KEPT = "{opening} What you had played until then is kept without your name."
-WITHDRAWN_TO_ERASE = (
+WITHDRAWN_AND_KEPT = Sentence(
+    "left.kept_for_good",
+    "{opening} What you had played until then is kept without your name.",
+)
+WITHDRAWN_TO_ERASE = Sentence(
+    "left.to_erase",
     "{opening} You asked that what you had played be erased. The people who run the study do that before "
     "anything is published; that one person was erased stays counted. To hear when it is done, write to {contact} and give "
-    "them your label {label}."
+    "them your label {label}.",
+)
+NOT_AGREED = Sentence(
+    "left.not_agreed",
+    "You did not agree to take part. Nothing was recorded but that this page was opened.",
+)
+CLOSED = Sentence(
+    "left.closed",
+    "This study has been closed: you cannot go on. Thank you for what you have played.",
+)
+WHOEVER_INVITED = Sentence("left.whoever_invited", "whoever invited you")
+UNFIT = Sentence(
+    "left.unfit",
+    "This study is for a computer with a keyboard and a mouse or the like, and this browser has none. Nothing was recorded but "
+    "that this page was opened.",
+)
+UNFIT_COME_AGAIN = Sentence(
+    "left.unfit_come_again",
+    "This study is for a computer with a keyboard and a mouse or the like, and this browser has none. Nothing was recorded but "
+    "that this page was opened. You can open the link that you were sent again on a computer.",
+)
+OVER_QUOTA = Sentence(
+    "left.over_quota",
+    "Every place of this study is taken, so you cannot take part. Nothing was recorded but that this page was opened.",
+)
+NO_SUCH_STUDY = Sentence("refused.no_such_study", "there is no such study here: check the link")
+NOT_BEGUN = Sentence("refused.not_begun", "this study has not begun yet: come back later")
+DEBRIEF_LATER = Sentence("refused.debrief_later", "the debrief comes after the last ranked round")
+DEBRIEF_AFTER_QUESTIONS = Sentence(
+    "refused.debrief_after_questions", "the debrief comes after the questions"
 )
 
 
@@ -71,16 +125,8 @@ Id = Annotated[str, Field(max_length=LONGEST_ID + 1), PRINTABLE]
 """A parameter of a link; one that is an ID of the protocol may have one character less."""
 
 
-UNFIT = (
-    "This study is for a computer with a keyboard and a mouse or the like, and this browser has none. Nothing was recorded but "
-    "that this page was opened."
-)
-OVER_QUOTA = "Every place of this study is taken, so you cannot take part. Nothing was recorded but that this page was opened."
-AGAIN_ON_A_COMPUTER = " You can open the link that you were sent again on a computer."
-
-
 class Join(Message):
-    """Who joins: what the link that brought them holds, and the name of the script if it is no person."""
+    """Who joins: what their link holds, and the script's name if it is no person."""
 
     outside_ids: dict[str, Id | Annotated[list[Id], Field(max_length=20)]] = Field(
         default_factory=dict,
@@ -137,7 +183,10 @@ Choices = Annotated[list[Annotated[int, Field(ge=0)] | None], Field(max_length=4
 
 
 class BlockAnswers(AskedBlock):
-    """Answers by the name of their question: what is left out is not answered, null is "prefer not to say"."""
+    """Question's name -> answer; null is "prefer not to say".
+
+    A question that is left out is not answered.
+    """
 
     answers: dict[
         Annotated[str, Field(max_length=40)],
@@ -183,11 +232,18 @@ class ParticipantSettings(Message):
     modality: Literal["keyboard", "touch"] | None = None
     palette: Literal["standard", "colour-blind", "high-contrast"] | None = None
     keys: dict[str, list[Annotated[str, Field(max_length=32), PRINTABLE]]] | None = None
+    stage: Annotated[str, Field(max_length=20)] | None = Field(
+        default=None,
+        description="where the page stood: keys that come late from the consent give way to those of an arm",
+    )
+    language: Annotated[str, Field(max_length=12)] | None = Field(
+        default=None, description="one of the study's, before the consent", examples=[None]
+    )
 
     @field_validator("keys")
     @classmethod
     def _no_key_twice(cls, keys: dict[str, list[str]] | None) -> dict[str, list[str]] | None:
-        codes = [code for each in (keys or {}).values() for code in each]
+        codes = [code for codes_of_action in (keys or {}).values() for code in codes_of_action]
         if len(set(codes)) < len(codes):
             raise ValueError("keys: one key cannot mean two directions")
         if len(codes) > 40:
@@ -196,20 +252,36 @@ class ParticipantSettings(Message):
 
 
 @contextmanager
-def answering_study_errors() -> Iterator[None]:
-    """Answer a study's errors with 404, 409 or 422 and their sentence."""
+def answering_study_errors(wording: Wording) -> Iterator[None]:
+    """Answer a study's errors with 404, 409, 422 or 503 and their sentence.
+
+    Args:
+        wording: In which the sentence is said.
+    """
     try:
         yield
     except UnknownStudyError as error:
-        raise HTTPException(404, "there is no such study here: check the link") from error
+        raise HTTPException(404, wording.say(NO_SUCH_STUDY)) from error
     except DraftStudyError as error:
-        raise HTTPException(409, "this study has not begun yet: come back later") from error
+        raise HTTPException(409, wording.say(NOT_BEGUN)) from error
     except (NotJoinedError, NoTerrainError) as error:
-        raise HTTPException(404, str(error.args[0])) from error
+        raise HTTPException(404, wording.say(sentence_of(error))) from error
     except (StageError, RefusedError) as error:
-        raise HTTPException(409, str(error)) from error
+        raise HTTPException(409, wording.say(sentence_of(error))) from error
+    except StoreError as error:
+        raise HTTPException(status_of(error), wording.say(sentence_of(error))) from error
     except ValueError as error:
-        raise HTTPException(422, str(error)) from error
+        raise HTTPException(422, wording.say(sentence_of(error))) from error
+
+
+def wording_for(request: Request, protocol: Protocol) -> Wording:
+    """The words of a study in the language that a request asks for."""
+    return wording_of(protocol, _language_for(request, protocol))
+
+
+def _language_for(request: Request, protocol: Protocol) -> str:
+    """The language of a study that a request asks for, as the page does."""
+    return preferred(request.headers.get("accept-language", ""), protocol.languages)
 
 
 # Coroutines, since FastAPI calls what is none on the one thread of the lists (`humanplay.web.server.READERS`).
@@ -226,8 +298,8 @@ Player = Annotated[str | None, Depends(_player)]
 
 
 @dataclass(frozen=True)
-class Asking:
-    """Who asks for what of which study; `player` is None before joining."""
+class StudyCall:
+    """A participant's request about a study; `player` is None before they join."""
 
     request: Request
     progress: ParticipantProgress
@@ -235,19 +307,27 @@ class Asking:
     name: str
 
     def write(self, work: Callable[..., T], *arguments: object) -> Awaitable[T]:
-        """Return what comes of `work(name, player, *arguments)` on the thread of the writes."""
+        """The result of `work(name, player, *arguments)`, called on the writing thread."""
         return self.progress.lobby.store.write(partial(work, self.name, self.player, *arguments))
 
-    async def after(self, doing: Awaitable[object]) -> State:
-        """Return where the participant stands once something is done."""
-        with answering_study_errors():
-            await doing
+    def answering_errors(self) -> AbstractContextManager[None]:
+        """Answer errors in the words of the study, or of the software if it is unreadable."""
+        try:
+            protocol = self.progress.study(self.name).protocol
+        except (StudyError, StageError):
+            return answering_study_errors(software_wording(SOURCE_LANGUAGE))
+        return answering_study_errors(wording_for(self.request, protocol))
+
+    async def state_after(self, change: Awaitable[object]) -> State:
+        """The participant's state after a change."""
+        with self.answering_errors():
+            await change
         return await self.state()
 
     async def state(self) -> State:
-        """Return where the participant stands."""
+        """The participant's state."""
         progress = self.progress
-        with answering_study_errors():
+        with self.answering_errors():
             study = progress.study(self.name)
             await progress.note_if_closed(study)
             find = partial(progress.participant, self.name, self.player)
@@ -255,33 +335,37 @@ class Asking:
             return await participant_state(self.request, study, participant)
 
     async def trials_at_debrief(self) -> tuple[Study, list[Trial]]:
-        """Return the participant's study and trials, once they are at the debrief."""
+        """The participant's study and trials; StageError before the debrief."""
         progress = self.progress
 
         def read() -> tuple[Study, list[Trial]]:
             study = progress.study(self.name)
             participant = progress.participant(self.name, self.player)
             if participant.stage not in ("debrief", "complete"):
-                raise StageError("the debrief comes after the last ranked round")
+                raise StageError(DEBRIEF_LATER)
             trials = progress.study_store.trials(participant.id)
             if progress.due_blocks(study, participant, trials):
-                raise StageError("the debrief comes after the questions")
+                raise StageError(DEBRIEF_AFTER_QUESTIONS)
             return study, trials
 
-        with answering_study_errors():
+        with self.answering_errors():
             return await progress.lobby.store.read(read)
 
 
-async def _asking(request: Request, progress: ProgressOf, player: Player, name: Name) -> Asking:
-    return Asking(request, progress, player, name)
+async def _study_call(
+    request: Request, progress: ProgressOf, player: Player, name: Name
+) -> StudyCall:
+    return StudyCall(request, progress, player, name)
 
 
-AskingOf = Annotated[Asking, Depends(_asking)]
+StudyCallOf = Annotated[StudyCall, Depends(_study_call)]
 
 
 async def participant_state(request: Request, study: Study, participant: Participant) -> State:
-    """Return where a participant stands: all that the page needs."""
-    progress, protocol = services_of(request).progress, study.protocol
+    """A participant's state: all that the page needs."""
+    progress, wording = services_of(request).progress, wording_for(request, study.protocol)
+    protocol = localized(study.protocol, wording.language)
+    study = replace(study, protocol=protocol)
 
     def read() -> tuple[
         list[Trial], str | None, Ending | None, int | None, list[DueBlock], Arm | None
@@ -302,16 +386,19 @@ async def participant_state(request: Request, study: Study, participant: Partici
     session, debrief = await progress.session(participant), None
     if participant.stage in ("debrief", "complete") and not due:
         debrief = await services_of(request).debriefs.summary(study, participant, trials)
-    values, questions = placeholder_values(protocol), questions_of(protocol, arm)
-    chosen = {"modality": None, "palette": "standard", "keys": None}
+    placeholders, questions = placeholder_values(protocol, wording), questions_of(protocol, arm)
+    defaults = {"modality": None, "palette": "standard", "keys": None, "language": None}
     return {
         "study": study.name,
         "title": protocol.title,
-        "task": {**describe(protocol.environment), "keys": keys_of(protocol, arm)},
+        "languages": protocol.languages,
+        "task": {**_task(protocol, wording), "keys": keys_of(protocol, arm)},
         "participant": participant_label(participant.id),
         "stage": participant.stage,
         "consent": protocol.consent.model_dump(),
-        "questions": [each.model_dump(include={"question", "choices"}) for each in questions],
+        "questions": [
+            question.model_dump(include={"question", "choices"}) for question in questions
+        ],
         "instructions": "" if arm is None else arm.instructions,
         "hint": "" if arm is None else arm.hint,
         "tries_left": tries_left,
@@ -319,67 +406,88 @@ async def participant_state(request: Request, study: Study, participant: Partici
         "right": None,
         "why": None,
         "block": shown(due[0].block, participant.id, due[0].turn) if due else None,
-        **_warm_up(protocol, participant, ended.count("warm_up")),
+        **_warm_up(protocol, participant, ended.count("warm_up"), wording),
         "ranked": {"done": ended.count("ranked"), "of": protocol.ranked},
         "tutorial": {"done": "tutorial" in ended},
         "break_due": break_due(protocol, participant, trials),
         "can_be_erased": not protocol.keep_episodes_when_forgotten,
         "pause_after_s": protocol.pause_after_s,
-        "rules": {name: values[name] for name in RULES if name in values},
+        "rules": {name: placeholders[name] for name in RULES if name in placeholders},
         "session": participant.session_id,
         "about": None if session is None else await session_summary(progress.lobby, session),
         "phase": trials[-1].phase if trials else None,
-        "settings": {**chosen, **json.loads(participant.settings)},
+        "settings": {**defaults, **json.loads(participant.settings)},
         "debrief": debrief,
-        "note": note,
-        "ending": ending and asdict(ending),
+        "note": note and wording.say(note),
+        "ending": ending
+        and {**asdict(ending), "sentence": wording.say(ending.sentence or "") or None},
         "invited": participant.invitation is not None,
         "supervised_until_ms": supervised_until_ms(participant),
         "recovery_code": progress.recovery_code(study, participant),
     }
 
 
-def _warm_up(protocol: Protocol, participant: Participant, ended: int) -> dict[str, object]:
+def _task(protocol: Protocol, wording: Wording) -> dict[str, object]:
+    """The task as the page needs it, in the words of the study."""
+    environment = protocol.environment
+    about = environment.about
+    metrics = [
+        {**asdict(metric), "name": wording.text(f"metric.{metric.name}", metric.name)}
+        for metric in environment.metrics
+    ]
+    title = wording.text("task.title", about.title)
+    instructions = about.instructions and wording.text("task.instructions", about.instructions)
+    return {
+        **describe(environment),
+        "title": title,
+        "instructions": instructions,
+        "metrics": metrics,
+    }
+
+
+def _warm_up(
+    protocol: Protocol, participant: Participant, ended: int, wording: Wording
+) -> dict[str, object]:
     """How far the warm-up is, and what the practice asks for."""
-    practice, of = protocol.practice, protocol.warm_up
-    is_there = participant.stage == "warm_up"
+    practice, length = protocol.practice, protocol.warm_up
+    is_running = participant.stage == "warm_up"
+    # each try at the practice is a warm-up of its own
     shown = practice and {
-        "text": criterion(protocol),
-        "number": ended // of + 1 if is_there else max(1, ended // of),
+        "text": wording.say(criterion(protocol, wording)),
+        "number": ended // length + 1 if is_running else max(1, ended // length),
         "tries": practice.tries,
     }
-    return {
-        "warm_up": {"done": ended % of if is_there else min(ended, of), "of": of},
-        "practice": shown,
-    }
+    done = ended % length if is_running else min(ended, length)
+    return {"warm_up": {"done": done, "of": length}, "practice": shown}
 
 
 def _note(
     progress: ParticipantProgress, study: Study, participant: Participant, ending: Ending | None
 ) -> str | None:
+    """What a participant reads who cannot go on; None if they can."""
     if ending is not None and ending.outcome is Outcome.UNFIT_DEVICE:
         has_text = (ending.code or ending.address or ending.sentence) is not None
-        return UNFIT if has_text else UNFIT + AGAIN_ON_A_COMPUTER
+        return UNFIT if has_text else UNFIT_COME_AGAIN
     if ending is not None and ending.outcome is Outcome.OVER_QUOTA:
         return OVER_QUOTA
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
-            return "You did not agree to take part. Nothing was recorded but that this page was opened."
+            return NOT_AGREED
         text = WITHDRAWN
         if study.protocol.keep_episodes_when_forgotten:
             text = WITHDRAWN_AND_KEPT
         elif progress.study_store.asks_erasure(participant.id):
             text = WITHDRAWN_TO_ERASE
         # a rehearsal may name nobody
-        contact = study.protocol.declarations.contact or "whoever invited you"
+        contact = study.protocol.declarations.contact.rstrip(".") or WHOEVER_INVITED
         opening = None if ending is None else OPENINGS.get(ending.outcome)
         return text.format(
             opening=opening or WITHDRAWN_ANYHOW,
-            contact=contact.rstrip("."),
+            contact=contact,
             label=participant_label(participant.id),
         )
     if not study.is_running and participant.stage not in ("debrief", "complete"):
-        return "This study has been closed: you cannot go on. Thank you for what you have played."
+        return CLOSED
     return progress.recruitment.obstacle(study, participant)
 
 
@@ -389,19 +497,25 @@ async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
 
     `status` is "open", "secret kept" or "closed"; `recruitment` is "invitation", "panel" or "open".
     """
-    found: list[dict[str, str | int]] = []
+    studies: list[dict[str, str | int]] = []
     for name in progress.folder.names():
         try:
             study = progress.study(name)
         except (StudyError, StageError):
             continue
         await progress.note_if_closed(study)
-        protocol, status = study.protocol, study.status
-        found.append(
-            {"name": name, "title": protocol.title, "status": status, "recruitment": protocol.recruitment,
-             "warm_up": protocol.warm_up, "ranked": protocol.ranked}
-        )  # fmt: skip
-    return found
+        protocol = study.protocol
+        studies.append(
+            {
+                "name": name,
+                "title": protocol.title,
+                "status": study.status,
+                "recruitment": protocol.recruitment,
+                "warm_up": protocol.warm_up,
+                "ranked": protocol.ranked,
+            }
+        )
+    return studies
 
 
 @router.get(
@@ -411,12 +525,15 @@ async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
     summary="What a study has published",
 )
 async def get_study(progress: ProgressOf, name: Name) -> dict[str, object]:
-    """Return what fixes protocol and terrains before anybody has played; `secret` is null until the study is closed."""
-    with answering_study_errors():
+    """Return the hashes that fix protocol and terrains before anybody plays.
+
+    `secret` is null until the study is closed.
+    """
+    with answering_study_errors(software_wording(SOURCE_LANGUAGE)):
         study = progress.study(name)
     await progress.note_if_closed(study)
     protocol, config = study.protocol, study.protocol.env_config
-    values = config.to_dict()
+    config_fields = config.to_dict()
     return {
         "name": name,
         "title": protocol.title,
@@ -426,8 +543,8 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, object]:
         "secret": None if study.is_open else study.secret.hex(),
         "task": describe(protocol.environment),
         "level": config.level,
-        **{side: values[side] for side in ("rows", "cols") if side in values},
-        "config": values,
+        **{side: config_fields[side] for side in ("rows", "cols") if side in config_fields},
+        "config": config_fields,
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,
         "players": protocol.players,
@@ -442,116 +559,130 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, object]:
     responses={200: {"model": Participation, "description": "for who took part before"}},
     summary="Take part, or go on",
 )
-async def join(asks: AskingOf, response: Response, wanted: Join | None = None) -> State:
-    """Join, or resume: 201 for a new participant, 200 for one who returns. The cookie that is set is of studies alone.
+async def join(call: StudyCallOf, response: Response, wanted: Join | None = None) -> State:
+    """Join, or come back: 201 for a new participant, 200 for one who returns.
 
-    A person needs the link's invitation or outside id where the study's recruitment asks for one, and 409 says so. Agreeing
-    to the consent text uses it up; joining does not. A script needs none.
+    A person needs the link's invitation or participant ID if the study's recruitment asks for one; otherwise the
+    answer is 409. Agreeing to the consent text uses it up; joining does not. A script needs none. The cookie that
+    is set is for studies alone.
     """
-    wanted, progress = wanted or Join(), asks.progress
-    player_id = asks.player or progress.lobby.sources.player_id()
-    with answering_study_errors():
-        single = {name: each for name, each in wanted.outside_ids.items() if isinstance(each, str)}
-        repeated = frozenset(wanted.outside_ids.keys() - single.keys())
-        comes = Arrival(single, wanted.script, wanted.invitation, repeated)
-        enter = partial(progress.join, asks.name, player_id, comes)
-        participant, is_new = await progress.lobby.store.write(enter)
-        answer = await participant_state(asks.request, progress.study(asks.name), participant)
+    wanted, progress = wanted or Join(), call.progress
+    player_id = call.player or progress.lobby.sources.player_id()
+    with call.answering_errors():
+        sent = wanted.outside_ids
+        outside_ids = {name: ident for name, ident in sent.items() if isinstance(ident, str)}
+        repeated = frozenset(sent.keys() - outside_ids.keys())
+        language = _language_for(call.request, progress.study(call.name).protocol)
+        arrival = Arrival(outside_ids, wanted.script, wanted.invitation, repeated, language)
+        join_study = partial(progress.join, call.name, player_id, arrival)
+        participant, is_new = await progress.lobby.store.write(join_study)
+        answer = await participant_state(call.request, progress.study(call.name), participant)
     response.status_code = 201 if is_new else 200
-    remember_player(response, asks.request, player_id, PARTICIPANT)
+    remember_player(response, call.request, player_id, PARTICIPANT)
     return answer
 
 
 @router.get("/{name}/me", response_model=Participation, summary="Where I stand")
-async def me(asks: AskingOf) -> State:
-    """Return where the participant stands, 404 before joining; a page that was reloaded begins here."""
-    return await asks.state()
+async def me(call: StudyCallOf) -> State:
+    """Return the participant's state; 404 before joining. A reloaded page begins here."""
+    return await call.state()
 
 
 @router.post("/{name}/consent", response_model=Participation, summary="Agree to take part, or not")
-async def consent(asks: AskingOf, given: ConsentAnswer) -> State:
+async def consent(call: StudyCallOf, answer: ConsentAnswer) -> State:
     """Answer the consent text; `agree` false leaves the study."""
-    answer = given.version, given.agree, given.unfit
-    return await asks.after(asks.write(asks.progress.consent, *answer))
+    answered = call.write(call.progress.consent, answer.version, answer.agree, answer.unfit)
+    return await call.state_after(answered)
 
 
 @router.post("/{name}/advance", response_model=Participation, summary="Go on to the next stage")
-async def advance(asks: AskingOf, left: Advance) -> State:
+async def advance(call: StudyCallOf, left: Advance) -> State:
     """Leave the instructions, the tutorial once it was played, or the debrief."""
-    return await asks.after(asks.write(asks.progress.advance, left.from_))
+    return await call.state_after(call.write(call.progress.advance, left.from_))
 
 
 @router.post("/{name}/answers", response_model=Participation, summary="Answer the questions")
-async def answers(asks: AskingOf, given: Answers) -> State:
-    """Check the answers: `right` says which were right, `why` explains the others; with all right the warm-up is next.
+async def answers(call: StudyCallOf, attempt: Answers) -> State:
+    """Check the answers: `right` says which were right, `why` explains the others.
 
-    Every attempt is recorded.
+    If all are right, the warm-up is next. Every attempt is recorded.
     """
-    with answering_study_errors():
-        right, why = await asks.write(asks.progress.answer, given.answers)
-    return {**await asks.state(), "right": right, "why": why}
+    with call.answering_errors():
+        language = _language_for(call.request, call.progress.study(call.name).protocol)
+        right, explanations = await call.write(call.progress.answer, attempt.answers, language)
+    return {**await call.state(), "right": right, "why": explanations}
 
 
 @router.post("/{name}/block", response_model=Participation, summary="Answer a block of questions")
-async def answer_block(asks: AskingOf, given: BlockAnswers) -> State:
-    """Store the answers to the block that stands under `block`: nothing goes on before it is answered, or skipped."""
-    answered = given.block, given.turn, given.answers
-    return await asks.after(asks.write(asks.progress.answer_block, *answered))
+async def answer_block(call: StudyCallOf, block: BlockAnswers) -> State:
+    """Store the answers to the block that the state has under `block`.
+
+    Nothing goes on before it is answered or skipped.
+    """
+    stored = call.write(call.progress.answer_block, block.block, block.turn, block.answers)
+    return await call.state_after(stored)
 
 
 @router.post("/{name}/skip", response_model=Participation, summary="Skip the last questions")
-async def skip_blocks(asks: AskingOf, asked: AskedBlock) -> State:
-    """Skip all blocks that are left before the debrief; one that stands elsewhere cannot be skipped."""
-    return await asks.after(asks.write(asks.progress.skip_blocks, asked.block, asked.turn))
+async def skip_blocks(call: StudyCallOf, block: AskedBlock) -> State:
+    """Skip the blocks that come just before the debrief; others cannot be skipped."""
+    skipped = call.write(call.progress.skip_blocks, block.block, block.turn)
+    return await call.state_after(skipped)
 
 
 @router.post("/{name}/next", response_model=Participation, summary="Begin the next episode")
-async def begin_next(asks: AskingOf) -> State:
+async def begin_next(call: StudyCallOf) -> State:
     """Begin the next episode of the stage.
 
     While one runs nothing changes, so no terrain can be drawn again.
     """
-    return await asks.after(asks.progress.begin_next(asks.name, asks.player))
+    return await call.state_after(call.progress.begin_next(call.name, call.player))
 
 
 @router.post("/{name}/give-up", response_model=Participation, summary="Give the running episode up")
-async def abandon(asks: AskingOf, given: AbandonEpisode) -> State:
-    """Abandon the running episode: it counts as one that was left, and its terrain does not come again."""
-    frame = given.episode, given.step
-    return await asks.after(asks.progress.abandon(asks.name, asks.player, *frame))
+async def abandon(call: StudyCallOf, frame: AbandonEpisode) -> State:
+    """Abandon the running episode; its terrain does not come again."""
+    abandoned = call.progress.abandon(call.name, call.player, frame.episode, frame.step)
+    return await call.state_after(abandoned)
 
 
 @router.post(
     "/{name}/settings", response_model=Participation, summary="Choose keys, palette, touch"
 )
-async def settings(asks: AskingOf, chosen: ParticipantSettings) -> State:
-    """Store keys, palette and modality with the participant: how somebody played is part of the data."""
-    with answering_study_errors():
-        actions = asks.progress.study(asks.name).protocol.environment.actions
-        if strange := [each for each in chosen.keys or {} if each not in actions]:
-            raise ValueError(f"keys: expected keys of {', '.join(actions)}, got {strange[0]!r}")
-    changed = chosen.model_dump(exclude_none=True)
-    return await asks.after(asks.write(asks.progress.set_settings, changed))
+async def settings(call: StudyCallOf, chosen: ParticipantSettings) -> State:
+    """Store a participant's keys, palette, modality and language, as part of the data."""
+    with call.answering_errors():
+        protocol = call.progress.study(call.name).protocol
+        if chosen.language is not None and chosen.language not in protocol.languages:
+            offered = ", ".join(protocol.languages)
+            raise ValueError(f"language: expected one of {offered}, got {chosen.language!r}")
+        actions = protocol.environment.actions
+        if unknown := [action for action in chosen.keys or {} if action not in actions]:
+            raise ValueError(f"keys: expected keys of {', '.join(actions)}, got {unknown[0]!r}")
+    changed = chosen.model_dump(exclude_none=True, exclude={"stage"})
+    written = call.write(call.progress.set_settings, changed, chosen.stage)
+    return await call.state_after(written)
 
 
 @router.post("/{name}/supervise", response_model=Participation, summary="The operator's code")
-async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
-    """Check the operator's code of the day, which `humanplay study supervise` prints: the session is supervised from now.
+async def supervise(call: StudyCallOf, typed: OperatorCode) -> State:
+    """Check the operator's code of the day; if it is right, the session is supervised.
 
-    A wrong code is refused with 409 and recorded; after ten no code of this participant is looked at.
+    `humanplay study supervise` prints the code. A wrong code is refused with 409 and recorded; after ten, no code of
+    this participant is checked.
     """
-    return await asks.after(asks.write(asks.progress.supervise, typed.code))
+    return await call.state_after(call.write(call.progress.supervise, typed.code))
 
 
-@router.post("/{name}/elsewhere", response_model=Ticket, summary="Go on on another device")
-async def elsewhere(asks: AskingOf, here: Page) -> State:
+@router.post("/{name}/elsewhere", response_model=Ticket, summary="Continue on another device")
+async def elsewhere(call: StudyCallOf, here: Page) -> State:
     """Return a link to the participant's place, and its QR code.
 
     It holds for 15 minutes, and for one device.
     """
-    with answering_study_errors():
-        ticket = await asks.progress.lobby.store.read(
-            partial(asks.progress.ticket, asks.name, asks.player)
+    with call.answering_errors():
+        ticket = await call.progress.lobby.store.read(
+            partial(call.progress.ticket, call.name, call.player)
         )
     link = f"{here.page}#go={ticket.token}"
     rows = ["".join(map(str, row)) for row in segno.make(link, error="m", micro=False).matrix]
@@ -559,26 +690,28 @@ async def elsewhere(asks: AskingOf, here: Page) -> State:
 
 
 @router.post("/{name}/go-on", response_model=Participation, summary="Go on here")
-async def go_on_here(asks: AskingOf, response: Response, brings: GoOn) -> State:
-    """Go on here, by a link's token or a recovery code; the device before stops.
+async def go_on_here(call: StudyCallOf, response: Response, brings: GoOn) -> State:
+    """Go on here, by a link's token or a recovery code; the previous device stops.
 
-    What is played, in which order, and the arm stay the same. After ten wrong codes for a place none is
-    looked at.
+    Instances, their order and the arm stay the same. After ten wrong codes for a place, none is checked.
     """
-    progress = asks.progress
-    player_id = asks.player or progress.lobby.sources.player_id()
-    with answering_study_errors():
-        participant = await progress.go_on_here(asks.name, player_id, brings.token, brings.code)
-        answer = await participant_state(asks.request, progress.study(asks.name), participant)
-    remember_player(response, asks.request, player_id, PARTICIPANT)
+    progress = call.progress
+    player_id = call.player or progress.lobby.sources.player_id()
+    with call.answering_errors():
+        participant = await progress.go_on_here(call.name, player_id, brings.token, brings.code)
+        answer = await participant_state(call.request, progress.study(call.name), participant)
+    remember_player(response, call.request, player_id, PARTICIPANT)
     return answer
 
 
 @router.post("/{name}/withdraw", response_model=Participation, summary="Leave the study")
-async def withdraw(asks: AskingOf, chosen: Withdrawal | None = None) -> State:
-    """Withdraw and abandon the running episode, and ask that all be erased if `erase`; `note` says what becomes of it."""
+async def withdraw(call: StudyCallOf, chosen: Withdrawal | None = None) -> State:
+    """Withdraw, and abandon the running episode; with `erase`, ask that all be erased.
+
+    `note` says what becomes of the episodes.
+    """
     erase = chosen is not None and chosen.erase
-    return await asks.after(asks.progress.withdraw(asks.name, asks.player, erase))
+    return await call.state_after(call.progress.withdraw(call.name, call.player, erase))
 
 
 @router.get(
@@ -586,14 +719,15 @@ async def withdraw(asks: AskingOf, chosen: Withdrawal | None = None) -> State:
     response_model=DebriefRuns,
     summary="A terrain again, with a policy",
 )
-async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, object]:
-    """Return your own episode and the policy's on the same terrain, frame by frame, once you are at the debrief.
+async def debrief(call: StudyCallOf, index: Index, phase: Shown = "warm_up") -> dict[str, object]:
+    """Return your own episode and the policy's on the same terrain, frame by frame.
 
-    Ranked terrains, in the order in which you played them, are shown once the study is closed.
+    It is for participants at the debrief. Ranked terrains, in the order in which you played them, are shown once the
+    study is closed.
     """
-    study, trials = await asks.trials_at_debrief()
-    with answering_study_errors():
-        return await services_of(asks.request).debriefs.replays(study, trials, phase, index)
+    study, trials = await call.trials_at_debrief()
+    with call.answering_errors():
+        return await services_of(call.request).debriefs.replays(study, trials, phase, index)
 
 
 @router.get(
@@ -602,12 +736,15 @@ async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dic
     summary="What your moves on a terrain cost",
 )
 async def debrief_costs(
-    asks: AskingOf, index: Index, phase: Shown = "warm_up"
+    call: StudyCallOf, index: Index, phase: Shown = "warm_up"
 ) -> dict[str, object]:
-    """Return what the moves of your own episode cost, once you are at the debrief; of a ranked one once the study is closed."""
-    study, trials = await asks.trials_at_debrief()
-    with answering_study_errors():
-        own = own_trial(study, trials, phase, index)
-    store = asks.progress.lobby.store
-    record = await store.read(lambda: store.load_record(own.id))
-    return await costs_of(asks.request, record, study.policy_files)
+    """Return what the moves of your own episode cost.
+
+    It is for participants at the debrief; of a ranked episode once the study is closed.
+    """
+    study, trials = await call.trials_at_debrief()
+    with call.answering_errors():
+        trial = own_trial(study, trials, phase, index)
+    store = call.progress.lobby.store
+    record = await store.read(lambda: store.load_record(trial.id))
+    return await costs_of(call.request, record, study.policy_files)

@@ -5,12 +5,16 @@ They are those of `static/`, the documentation of the API, and the pages of erro
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 from starlette.requests import HTTPConnection, Request
 
 from humanplay import STATIC
+from humanplay.study.protocol import SOURCE_LANGUAGE
+from humanplay.study.wording import Wording
 from humanplay.task.registration import DEFAULT_TASK, environment_of
 from humanplay.web.protection import is_secure
 
@@ -18,6 +22,14 @@ environment = Environment(
     loader=FileSystemLoader([Path(__file__).parent, STATIC]), autoescape=True,
     undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
 )  # fmt: skip
+
+
+def page_text(wording: Wording) -> Callable[[str, str], Markup]:
+    """The `t` of templates: the text of an ID with its marks, or the English."""
+    return lambda ident, english: Markup(wording.text(ident, english))
+
+
+environment.globals["t"] = page_text(Wording(SOURCE_LANGUAGE, {}))
 
 
 def names_of(task: str) -> dict[str, object]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from marsexplorer.intervals import wilson_interval
 from research.difference.answers import MAJORITY, Record, Records, finished, results_of
-from research.paper.claims.results import NOT_REPRODUCED, NOT_YET, PARTLY, UNDECIDED, Results
+from research.paper.claims.results import NOT_YET, PARTLY, Results, one_sided, surpasses
 from research.paper.tables import Estimate, low_to_high, tenths
 
 MOST = 0.9
@@ -24,9 +24,8 @@ def on_one_level(shares: Sequence[float], least: tuple[float, float], is_full: b
     if not shares:
         return NOT_YET
     over_seeds = Estimate.of(shares)
-    if over_seeds.low > least[1]:
-        return PARTLY
-    return NOT_REPRODUCED if over_seeds.high < least[0] and is_full else UNDECIDED
+    holds = surpasses((over_seeds.low, over_seeds.high), least)
+    return PARTLY if holds else one_sided(holds, is_full)
 
 
 def trained(records: Records) -> tuple[list[Record], bool]:

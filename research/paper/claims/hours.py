@@ -14,7 +14,7 @@ from pathlib import Path
 
 from research.paper.claims.policy_claims import LEVEL as LARGE_LEVEL
 from research.paper.claims.policy_claims import SIZES
-from research.paper.claims.results import UNDECIDED, Results
+from research.paper.claims.results import CONTRARY, UNDECIDED, Results
 from research.paper.episodes.play import DIFFICULTIES
 from research.paper.jobs import write_text
 from research.paper.plan import LEVEL, LEVEL_MOVES, MOVES_OF_AN_UPDATE, PAPER_MOVES, SEEDS, SIZE
@@ -80,7 +80,7 @@ def hours(needed: Needed, results: Results, seconds: float) -> float:
 
 def to_decide(name: str, verdict: str, results: Results) -> str:
     """What can decide an undecided finding, with its hours; empty if nothing can."""
-    if verdict != UNDECIDED or name not in NEEDED:
+    if verdict not in (UNDECIDED, CONTRARY) or name not in NEEDED:
         return ""
     needed = NEEDED[name]
     left = hours(needed, results, seconds_of_an_update())

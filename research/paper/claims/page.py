@@ -160,10 +160,11 @@ def summary(text: str, results: Results) -> str:
         name = match["name"]
         code, _, _ = by_code(name, results).partition(":")
         there = f"; in the code's world {code}" if code else ""
-        verdict = CLAIMS[name].decide(results).verdict
-        findings[verdict].append(f"- {match['says']} (`{name}`{there})")
+        judgement = CLAIMS[name].decide(results)
+        brief = f": {judgement.brief}" if judgement.brief else ""
+        findings[judgement.verdict].append(f"- {match['says']} (`{name}`{there}){brief}")
     definitions = Counter(
-        CLAIMS[name].decide(results).verdict for name in names_of(text) if name not in FINDINGS
+        claim.decide(results).verdict for name, claim in CLAIMS.items() if name not in FINDINGS
     )
     counts = ", ".join(f"{count} {verdict}" for verdict, count in definitions.most_common())
     lists = [

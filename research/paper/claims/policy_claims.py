@@ -1,29 +1,31 @@
 """The paper's claims about the trained policy (figures 6, 7), from episodes.
 
 The paper's policy is what PPO learnt. Policies whose name begins with LETTER were trained by the
-letter of the paper, for as many moves. All others whose name begins with LEARNT were trained by PPO
-with other settings, or for less, as the shipped `ppo-paper` was. A claim is reproduced when it
-holds everywhere for a policy of the first kind. It is reproduced in part when it holds somewhere
-for any, and each is named with its numbers. Where it holds for none it is undecided: those by the
-letter made a twentieth of the paper's gradient steps.
+letter of the paper, for as many moves; with FULL, for as many gradient steps too. Each is a seed,
+and SEEDS of them are judged together. All others whose name begins with LEARNT were trained by PPO
+with other settings, or for less, as the shipped `ppo-paper` was. See `verdict_on` for what each can
+show.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from math import nan
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeVar
 
 from marsexplorer.evaluation import RULES
+from marsexplorer.intervals import wilson_interval
 from research.paper.claims.results import (
     NOTHING,
     PARTLY,
     REPRODUCED,
-    UNDECIDED,
     Decide,
+    Holds,
     Judgement,
     Results,
+    all_of,
+    one_sided,
     partly,
+    surpasses,
 )
 from research.paper.episodes.play import DIFFICULTIES
 from research.paper.episodes.quadrants import (
@@ -31,6 +33,7 @@ from research.paper.episodes.quadrants import (
     Rate,
     course_rates,
     obstacles_of,
+    rate_of,
 )
 from research.paper.episodes.scale import (
     PER_CENT,
@@ -42,15 +45,18 @@ from research.paper.episodes.scale import (
 )
 from research.paper.figures.figure7 import CONSTANT_PACE
 from research.paper.jobs import Line
+from research.paper.plan import SEEDS
 from research.paper.tables import Estimate, low_to_high, per_cent
 
 DENSEST = ("3-2-1", "3-2-2")
-LEARNT, LETTER = "ppo", "ppo-paper-"
+LEARNT, LETTER, FULL = "ppo", "ppo-paper-", "ppo-appendix-"
 SIZES = (42, 84)
 LEVEL = "2-2-1"
+FEW, MOST = 0.05, 0.9
+"""What counts as few and as most of the episodes, 0..1."""
 Played = TypeVar("Played")
-Judge = Callable[[Played], tuple[str, list[bool]]]
-"""The results of a policy -> its numbers in words, and where the claim holds."""
+Judge = Callable[[Played], tuple[str, Sequence[Holds]]]
+"""The results of a policy -> its numbers in words, and whether the claim holds, place by place."""
 
 
 def learners(lines: Sequence[Line]) -> dict[str, dict[str, Line]]:
@@ -69,8 +75,43 @@ def learners(lines: Sequence[Line]) -> dict[str, dict[str, Line]]:
     }
 
 
+def of_all_seeds(places: Mapping[str, Sequence[Holds]], kind: str) -> list[Holds]:
+    """Whether a claim holds for all seeds of a kind of policy, place by place.
+
+    None at a place where they differ, and for fewer than SEEDS of them.
+
+    kind  LETTER or FULL
+    """
+    seeds = [held for policy, held in places.items() if policy.startswith(kind)]
+    if len(seeds) < SEEDS:
+        return [None]
+    return [held[0] if len({*held}) == 1 else None for held in zip(*seeds, strict=True)]
+
+
+def verdict_on(places: Mapping[str, Sequence[Holds]]) -> str:
+    """The verdict on a claim by the policies for which it holds, place by place."""
+    # 1. All seeds with the paper's gradient steps decide, either way.
+    with_steps = of_all_seeds(places, FULL)
+    if False in with_steps or None not in with_steps:
+        return partly(with_steps)
+
+    # 2. Those with fewer steps can show that it holds, any other policy that it does in part.
+    if all(of_all_seeds(places, LETTER)):
+        return REPRODUCED
+    if any(any(held) for held in places.values()):
+        return PARTLY
+
+    # 3. Where it fails for every policy, that is said and decides nothing.
+    always_fails = all(all_of(held) is False for held in places.values())
+    return one_sided(False if always_fails else None, decides=False)
+
+
 def decided(
-    measure: str, results: Mapping[str, Played], judge: Judge[Played], others: Sequence[str] = ()
+    measure: str,
+    results: Mapping[str, Played],
+    judge: Judge[Played],
+    others: Sequence[str] = (),
+    brief: str = "",
 ) -> Judgement:
     """The judgement on a claim about policies, NOTHING without one.
 
@@ -79,14 +120,22 @@ def decided(
         results: By policy.
         judge: Judges the results of one policy.
         others: Sentences that follow the policies' numbers.
+        brief: For the summary, after where the claim holds if it does in part.
     """
     if not results:
         return NOTHING
     judged = {policy: judge(played) for policy, played in results.items()}
-    somewhere = PARTLY if any(any(held) for _, held in judged.values()) else UNDECIDED
-    whole = any(all(held) for policy, (_, held) in judged.items() if policy.startswith(LETTER))
+    places = {policy: held for policy, (_, held) in judged.items()}
     words = [*(f"`{policy}` {text}" for policy, (text, _) in judged.items()), *others]
-    return Judgement(f"{measure}: {'; '.join(words)}", REPRODUCED if whole else somewhere)
+    verdict = verdict_on(places)
+    there = ", ".join(
+        f"`{policy}` {held.count(True)} of {len(held)}"
+        for policy, held in places.items()
+        if any(held) and verdict == PARTLY
+    )
+    return Judgement(
+        f"{measure}: {'; '.join(words)}", verdict, "; ".join(filter(None, [there, brief]))
+    )
 
 
 def of_learners(measure: str) -> Callable[[Judge[dict[str, Line]]], Decide]:
@@ -110,19 +159,21 @@ def hilbert(results: Results) -> Judgement:
         for rule in RULES
     }
 
-    def judge(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
+    def judge(by_level: dict[str, Line]) -> tuple[str, list[Holds]]:
         rates = {level: never_back(line) for level, line in by_level.items()}
-        held = [
-            rate.low
-            > max([0.5, *(by_rule[level].high for by_rule in rules.values() if level in by_rule)])
-            for level, rate in rates.items()
-        ]
+        held = []
+        for level, rate in rates.items():
+            of_rules = [by_rule[level] for by_rule in rules.values() if level in by_rule]
+            low = max([0.5, *(rule.low for rule in of_rules)])
+            high = max([0.5, *(rule.high for rule in of_rules)])
+            held.append(surpasses(ends(rate), (low, high)))
         shares = low_to_high([rate.mean for rate in rates.values()], per_cent)
-        return f"{shares} and {sum(held)}", held
+        return f"{shares} and {held.count(True)}", held
 
     others = [
-        f"`{rule}` {low_to_high([rate.mean for rate in by_rule.values()] or [nan], per_cent)}"
+        f"`{rule}` {low_to_high([rate.mean for rate in by_rule.values()], per_cent)}"
         for rule, by_rule in rules.items()
+        if by_rule
     ]
     others += [
         f"walks by `{walk['null']}` {per_cent(never_back(walk).mean)}" for walk in results.walks
@@ -134,8 +185,10 @@ def hilbert(results: Results) -> Judgement:
     return decided(measure, learners(results.plays[6]), judge, others)
 
 
-@of_learners("share of a level's episodes in the commonest order of quadrants")
-def same_family(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
+@of_learners(
+    f"share of a level's episodes in the commonest order of quadrants, with certainty above {per_cent(MOST)}"
+)
+def same_family(by_level: dict[str, Line]) -> tuple[str, Sequence[Holds]]:
     """The same family of trajectories was generated in all cases, with confidence."""
     orders = [
         [QuadrantCourse.of_code(code).entered for code in line["courses"]]
@@ -143,28 +196,26 @@ def same_family(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
     ]
     every = [order for level_orders in orders for order in level_orders]
     common = max(set(every), key=every.count)
-    shares = [level_orders.count(common) / len(level_orders) for level_orders in orders]
-    return low_to_high(shares, per_cent), [share > 0.9 for share in shares]
+    shares = [rate_of(order == common for order in level_orders) for level_orders in orders]
+    held = [surpasses(ends(share), (MOST, MOST)) for share in shares]
+    return f"{low_to_high([share.mean for share in shares], per_cent)} and {held.count(True)}", held
 
 
 @of_learners("shares of the episodes there that collided and were completed")
-def dexterous(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
+def dexterous(by_level: dict[str, Line]) -> tuple[str, Sequence[Holds]]:
     """The policy adapts to obstacles and avoids encounters, also on 3-2-1 and 3-2-2."""
-    crashed, explored = (
-        [
-            by_level[level]["outcomes"].get(outcome, 0) / by_level[level]["played"]
-            for level in DENSEST
-        ]
-        for outcome in ("collided", "explored")
-    )
-    pairs = zip(crashed, explored, strict=True)
-    return f"{low_to_high(crashed, per_cent)} and {low_to_high(explored, per_cent)}", [
-        a < 0.05 and b > 0.9 for a, b in pairs
-    ]
+    shares, held = [], []
+    for line in (by_level[level] for level in DENSEST):
+        counts = [line["outcomes"].get(outcome, 0) for outcome in ("collided", "explored")]
+        crashed, explored = (wilson_interval(count, line["played"]) for count in counts)
+        shares.append([count / line["played"] for count in counts])
+        held.append(all_of([surpasses((FEW, FEW), crashed), surpasses(explored, (MOST, MOST))]))
+    texts = (low_to_high(of_outcome, per_cent) for of_outcome in zip(*shares, strict=True))
+    return " and ".join(texts), held
 
 
 @of_learners("correlation, and levels of 12 without blind spots")
-def no_blind_spots(by_level: dict[str, Line]) -> tuple[str, list[bool]]:
+def no_blind_spots(by_level: dict[str, Line]) -> tuple[str, Sequence[Holds]]:
     """The obstacles that a policy discovers match the drawn distribution."""
     matches = [obstacles_of(line) for line in by_level.values()]
     held = [not match.blind_spots for match in matches]
@@ -175,7 +226,7 @@ def discovered(results: Results) -> Judgement:
     """The same, after the finding of a rule's check."""
     policies, check = no_blind_spots(results), results.checks.get("discovered-obstacles")
     parts = [check["measured"] if check else "", policies.measured]
-    return Judgement("; ".join(filter(None, parts)), policies.verdict)
+    return Judgement("; ".join(filter(None, parts)), policies.verdict, policies.brief)
 
 
 def scaled(results: Results) -> tuple[dict[str, list[ScaleRow]], dict[str, list[ScaleRow]]]:
@@ -201,19 +252,33 @@ def less_distance(results: Results) -> Judgement:
     places = group_by_place(results.plays[7])
     groups = [places.get((LEVEL, size), {}) for size in SIZES]
 
-    def judge(policy: str) -> tuple[str, list[bool]]:
+    def judge(policy: str) -> tuple[str, list[Holds]]:
         ratios = [[to_better_rule(group, policy, share) for share in PER_CENT] for group in groups]
-        held = [ratio.high < 1 for group_ratios in ratios for ratio in group_ratios]
+        held = [
+            surpasses((1.0, 1.0), ends(ratio)) for group_ratios in ratios for ratio in group_ratios
+        ]
         texts = (
             " ".join(f"{ratio.mean:.2f}" if ratio.is_known else "none" for ratio in group_ratios)
             for group_ratios in ratios
         )
-        return f"{' and '.join(texts)}, less with certainty at {sum(held)} of 10", held
+        return f"{' and '.join(texts)}, less with certainty at {held.count(True)} of 10", held
 
     measure = (
-        f"moves over the better rule's to {', '.join(map(str, PER_CENT))} % at 42x42 and 84x84"
+        f"moves over those of the better of our two rules to {', '.join(map(str, PER_CENT))} % at "
+        "42x42 and 84x84"
     )
-    return decided(measure, {policy: policy for policy in scaled(results)[0]}, judge)
+    learnt = [*scaled(results)[0]]
+    last = [to_better_rule(group, policy, PER_CENT[-1]) for group in groups for policy in learnt]
+    ratios = known_means(last)
+    brief = ""
+    if ratios:
+        brief = f"to {PER_CENT[-1]} % in {low_to_high(ratios)} of the better rule's moves"
+    return decided(measure, {policy: policy for policy in learnt}, judge, brief=brief)
+
+
+def known_means(estimates: Iterable[Estimate]) -> list[float]:
+    """The means that are known, for the summary."""
+    return [estimate.mean for estimate in estimates if estimate.is_known]
 
 
 def to_better_rule(group: Mapping[str, Line], policy: str, share: int) -> Estimate:
@@ -221,6 +286,11 @@ def to_better_rule(group: Mapping[str, Line], policy: str, share: int) -> Estima
     rules = (group[rule] for rule in RULES)
     better = min(rules, key=lambda line: float(steps_of(line, share).mean()))
     return compare(group[policy], better, share)
+
+
+def ends(estimate: Estimate) -> tuple[float, float]:
+    """The ends of an interval, as `surpasses` takes them."""
+    return estimate.low, estimate.high
 
 
 def last_shares(rows: Sequence[ScaleRow]) -> str:
@@ -233,7 +303,8 @@ def knee(results: Results) -> Judgement:
     _, rules = scaled(results)
     if not rules:
         return NOTHING
-    held = [row.last_share.low > CONSTANT_PACE for rows in rules.values() for row in rows]
+    pace = (CONSTANT_PACE, CONSTANT_PACE)
+    held = [surpasses(ends(row.last_share), pace) for rows in rules.values() for row in rows]
     measure = f"share of the moves from 90 to 99 % of coverage ({per_cent(CONSTANT_PACE)} at a constant pace), 42x42 and 84x84"
     words = (f"`{policy}` {last_shares(rows)}" for policy, rows in rules.items())
     return Judgement(f"{measure}: {'; '.join(words)}", partly(held))
@@ -243,28 +314,42 @@ def no_knee(results: Results) -> Judgement:
     """PPO has no such knee."""
     learnt, rules = scaled(results)
 
-    def judge(rows: list[ScaleRow]) -> tuple[str, list[bool]]:
-        pairs = zip(rows, *rules.values(), strict=True)
+    def judge(rows: list[ScaleRow]) -> tuple[str, list[Holds]]:
         held = [
-            all(row.last_share.high < rule.last_share.low for rule in rules_there)
-            for row, *rules_there in pairs
+            all_of(surpasses(ends(rule.last_share), ends(row.last_share)) for rule in rules_there)
+            for row, *rules_there in zip(rows, *rules.values(), strict=True)
         ]
         return last_shares(rows), held
 
-    return decided("the same share", learnt, judge)
+    ours, theirs = (
+        known_means(row.last_share for rows in rows_of.values() for row in rows)
+        for rows_of in (learnt, rules)
+    )
+    brief = ""
+    if ours and theirs:
+        shares = (low_to_high(means, per_cent) for means in (ours, theirs))
+        brief = "from 90 to 99 % PPO makes {} of its moves, the rules {}".format(*shares)
+    return decided("the same share", learnt, judge, brief=brief)
 
 
 def scales(results: Results) -> Judgement:
-    """Learning extends to larger terrains: it completes them as fast as the rules."""
+    """Learning extends to larger terrains: it completes them, faster than the rules."""
 
-    def judge(rows: list[ScaleRow]) -> tuple[str, list[bool]]:
+    def judge(rows: list[ScaleRow]) -> tuple[str, Sequence[Holds]]:
         ratios = (f"{row.to_rule.mean:.2f}" if row.to_rule.is_known else "no" for row in rows)
         texts = (
             f"{per_cent(row.completion)} in {ratio}"
             for row, ratio in zip(rows, ratios, strict=True)
         )
-        completes = [row.completion > 0.9 for row in rows]
-        return " and ".join(texts), completes + [row.to_rule.low < 1 for row in rows]
+        completions = [
+            wilson_interval(round(row.completion * row.terrains), row.terrains) for row in rows
+        ]
+        completes = [surpasses(completion, (MOST, MOST)) for completion in completions]
+        is_faster = [surpasses((1.0, 1.0), ends(row.to_rule)) for row in rows]
+        return " and ".join(texts), completes + is_faster
 
     measure = "terrains completed, in how many of the better rule's moves, at 42x42 and 84x84"
-    return decided(measure, scaled(results)[0], judge)
+    learnt = scaled(results)[0]
+    ratios = known_means(row.to_rule for rows in learnt.values() for row in rows)
+    brief = f"completed in {low_to_high(ratios)} of the better rule's moves" if ratios else ""
+    return decided(measure, learnt, judge, brief=brief)

@@ -81,17 +81,32 @@ def read(folder: Path = FOLDER) -> Results:
 
 
 REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "in part", "not reproduced"
-UNDECIDED, SLIP = "undecided", "a slip of the paper"
+CONTRARY, UNDECIDED = "undecided, here the contrary", "undecided"
+SLIP = "a slip of the paper"
 DIFFERENT, PEOPLE, NOT_YET = "done differently", "cannot be tested here: people", "not yet measured"
-VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, UNDECIDED, SLIP, DIFFERENT, PEOPLE, NOT_YET)
+VERDICTS = (
+    REPRODUCED,
+    PARTLY,
+    NOT_REPRODUCED,
+    CONTRARY,
+    UNDECIDED,
+    SLIP,
+    DIFFERENT,
+    PEOPLE,
+    NOT_YET,
+)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What was measured, as Markdown for a table's cell, and one of VERDICTS."""
+    """What was measured, as Markdown for a table's cell, and one of VERDICTS.
+
+    brief  what it comes to, for the summary; may be empty
+    """
 
     measured: str
     verdict: str
+    brief: str = ""
 
 
 NOTHING = Judgement("", NOT_YET)
@@ -109,6 +124,17 @@ def verdict(holds: Holds) -> str:
     return REPRODUCED if holds else NOT_REPRODUCED
 
 
+def one_sided(holds: Holds, decides: bool) -> str:
+    """The verdict on a statement that trainings measured.
+
+    decides  whether they are such as to decide it, either way; those that are not can still show
+             the contrary of it, which is said and decides nothing about the paper
+    """
+    if decides:
+        return verdict(holds)
+    return CONTRARY if holds is False else UNDECIDED
+
+
 def all_of(parts: Iterable[Holds]) -> Holds:
     """Whether every part of a statement holds.
 
@@ -120,9 +146,19 @@ def all_of(parts: Iterable[Holds]) -> Holds:
     return None if None in distinct else True
 
 
-def partly(held: Sequence[bool]) -> str:
-    """The verdict on a statement that was measured in several places."""
-    return PARTLY if any(held) and not all(held) else verdict(all(held))
+def partly(held: Sequence[Holds]) -> str:
+    """The verdict on a statement about several places, in part where it holds in some."""
+    return PARTLY if any(held) and not all(held) else verdict(all_of(held))
+
+
+def surpasses(numbers: tuple[float, float], others: tuple[float, float]) -> Holds:
+    """Whether one number is above another, of which there are intervals (low, high).
+
+    None if they overlap or are unknown.
+    """
+    if numbers[0] > others[1]:
+        return True
+    return False if numbers[1] < others[0] else None
 
 
 def is_above(ours: Floats, theirs: Floats) -> bool:

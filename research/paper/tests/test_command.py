@@ -41,8 +41,10 @@ def test_the_list_names_each_job_and_does_nothing(tmp_path):
     assert "2 of 3 jobs to do in" in printed
 
 
-COMMAND = re.compile(r"python -m\s+research\.paper (--figure [^`#\n<]*(?:\n[^`#\n<]+(?=`))?)")
-"""A command in a document, which a line may break."""
+COMMAND = re.compile(
+    r"(?:python -m\s+research\.paper |`)(--figure \d[^`#\n<]*(?:\n[^`#\n<]+(?=`))?)"
+)
+"""A command in a document, or its options alone; a line may break it."""
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ from tianshou.data import Batch, ReplayBuffer
 from torch import Tensor
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.training.ppo import Graphed
+from marsexplorer.training.ppo import GraphedFunction
 from research.paper.networks import (
     CategoricalNetwork,
     PolicyNetwork,
@@ -292,7 +292,7 @@ def of_moves(distributions: Tensor, moves: Tensor) -> Tensor:
 
 def graphed(function: Callable[..., Tensor], device: str) -> Callable[..., Tensor]:
     """The function, on a CUDA device as one graph."""
-    return Graphed(function) if device == "cuda" else function
+    return GraphedFunction(function) if device == "cuda" else function
 
 
 class SACTrainer(OffPolicyTrainer):

@@ -2,7 +2,7 @@
 import { boardColours, reader } from "../../common/page.js";
 import { paintMistakeMarks } from "./mistake_marks.js";
 import { paintShares } from "./course.js";
-import { linesOf } from "./ground.js";
+import { cellAfter, linesOf } from "./ground.js";
 import { describe, runs } from "./words.js";
 import { follow, LARGE_SIDE, release, shrunkTo, smallMap } from "./zoom.js";
 
@@ -44,7 +44,8 @@ export function paint(place, board, look) {
   if (look.has_range && !frame.outcome) paintRange(context, frame.position, size, { reach_px: LIDAR_CELLS * size, accent: look.accent, casing: soil.casing, dpr: look.dpr });
   if (look.shares) paintShares(context, look.shares, frame.position, size, { colour: boardColours(canvas).policy, dpr: look.dpr });
   paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
-  if (look.marks) paintMistakeMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
+  if (hasCrashed(frame)) paintCrash(context, frame, size, { colour: boardColours(canvas).alarm, dpr: look.dpr });
+  if (look.marks) paintMistakeMarks(context, look.marks, size, { rows: frame.rows, cols: frame.cols, made: look.accent, ...boardColours(canvas), dpr: look.dpr });
   const map = isFollowed && smallMap(place, frame, shown, look);
   if (map) paintMap(map, board, shown, look, soil);
 }
@@ -157,6 +158,40 @@ function paintRover(context, frame, size, { accent, casing, dpr }) {
     context.fill();
   }
   context.restore();
+}
+
+/** @param {Mars.Frame} frame @returns whether its last move hit a rock, or led over the edge */
+const hasCrashed = ({ outcome }) => outcome === "collided" || outcome === "out_of_bounds";
+
+/** Return where a crash is marked: on the rock that was hit, or where the rover left the map, whole on the board.
+ * @param {Mars.Frame} frame @param {number} size cell @param {number} radius of the mark, both device pixels @returns {Point} */
+export function crashPlace({ position, heading, rows, cols }, size, radius) {
+  const [row, col] = cellAfter(position, heading);
+  const within = (/** @type {number} */ at, /** @type {number} */ end) => Math.min(Math.max(at, radius), end - radius);
+  return { x: within((col + 0.5) * size, cols * size), y: within((row + 0.5) * size, rows * size) };
+}
+
+/** Mark where the rover was lost: a cross on a disc.
+ * @param {CanvasRenderingContext2D} context @param {Mars.Frame} frame @param {number} size @param {{colour: string, dpr: number}} look */
+function paintCrash(context, frame, size, { colour, dpr }) {
+  const radius = Math.max(5.5 * dpr, 0.46 * size);
+  const { x, y } = crashPlace(frame, size, radius + dpr);
+  context.beginPath();
+  context.arc(x, y, radius, 0, 7);
+  context.fillStyle = colour;
+  context.fill();
+  context.strokeStyle = "#ffffff";
+  context.lineWidth = Math.max(1.5 * dpr, 0.06 * size);
+  context.stroke();
+  const arm = 0.45 * radius;
+  context.lineWidth = Math.max(2 * dpr, 0.11 * size);
+  context.lineCap = "round";
+  for (const across of [-arm, arm]) {
+    context.beginPath();
+    context.moveTo(x - across, y - arm);
+    context.lineTo(x + across, y + arm);
+    context.stroke();
+  }
 }
 
 /** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */

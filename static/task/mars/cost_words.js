@@ -1,5 +1,6 @@
 // What the moves of an episode cost, in sentences; no document here, so that node can test every one.
-import { capital, many } from "../../common/words.js";
+import { plural, t } from "../../common/texts.js";
+import { actionText, capital, many, movesText } from "../../common/words.js";
 import { cellAfter, markAt, WAYS } from "./ground.js";
 import { policyName } from "./words.js";
 
@@ -16,38 +17,49 @@ function sideOf(cells, rover) {
 /** @param {Cell[]} cells @param {Cell} rover @returns where cells lie from the rover, "" where all around */
 export function placeOf(cells, rover) {
   const [down, right] = sideOf(cells, rover);
-  const names = [["north", "", "south"][down + 1], ["west", "", "east"][right + 1]].filter(Boolean);
-  return names.length ? ` to the ${names.join("-")}` : "";
+  return [
+    [t("mars.side.north_west", " to the north-west"), t("mars.side.north", " to the north"), t("mars.side.north_east", " to the north-east")],
+    [t("mars.side.west", " to the west"), "", t("mars.side.east", " to the east")],
+    [t("mars.side.south_west", " to the south-west"), t("mars.side.south", " to the south"), t("mars.side.south_east", " to the south-east")],
+  ][down + 1][right + 1];
 }
 
 /** @param {Mars.Mistake} mistake what was done at its costliest move */
 function whatWasDone({ action, previous, position, grid, kind }) {
-  if (kind === "ended early") return markAt(grid, cellAfter(position, action)) ? "you drove into a rock" : "you drove over the edge of the map";
-  if (previous === null) return `you began by going ${action}`;
-  if (action === previous) return `you went on ${action}`;
-  const isBack = WAYS[previous].every((way, index) => way + WAYS[action][index] === 0);
-  return `you turned ${isBack ? "back " : ""}${action}`;
+  if (kind === "ended early") {
+    return markAt(grid, cellAfter(position, action)) ? t("mars.did.rock", "you drove into a rock") : t("mars.did.edge", "you drove over the edge of the map");
+  }
+  const way = { way: actionText(action) };
+  if (previous === null) return t("mars.did.began", "you began by going {way}", way);
+  if (action === previous) return t("mars.did.went_on", "you went on {way}", way);
+  const isBack = WAYS[previous].every((step, index) => step + WAYS[action][index] === 0);
+  return isBack ? t("mars.did.back", "you turned back {way}", way) : t("mars.did.turned", "you turned {way}", way);
 }
 
 /** @param {Mars.Mistake} mistake */
 function whatExpertDoes({ step, expert_action: action, missed, seen_at, position, kind }) {
-  if (kind === "ended early") return `going ${action} was free`;
+  const way = actionText(action);
+  if (kind === "ended early") return t("mars.better.free", "going {way} was free", { way });
   if (missed.length) {
-    const seen = seen_at === null ? "which you never saw" : `which you saw only ${many(seen_at - step, "move")} later`;
     const leadsAway = sideOf(missed, position).some((side, axis) => side * WAYS[action][axis] < 0);
-    const way = leadsAway ? `Expert's way, which begins ${action},` : `going ${action}`;
-    return `${way} would soon have shown ${many(missed.length, "unknown cell")}${placeOf(missed, position)}, ${seen}`;
+    const values = { way, cells: plural("mars.unknown_cells", missed.length, "{n} unknown cell", "{n} unknown cells"), place: placeOf(missed, position),
+      seen: seen_at === null && missed.length > 1 ? t("mars.better.some", "some of which you never saw")
+        : seen_at === null ? t("mars.better.never", "which you never saw")
+        : t("mars.better.later", "which you saw only {moves} later", { moves: movesText(seen_at - step) }) };
+    return leadsAway ? t("mars.better.away", "Expert's way, which begins {way}, would soon have shown {cells}{place}, {seen}", values)
+      : t("mars.better.shown", "going {way} would soon have shown {cells}{place}, {seen}", values);
   }
-  return kind === "last cells" ? `going ${action} was the shorter way to the last cells` : `going ${action} was the shorter way`;
+  return kind === "last cells" ? t("mars.better.last", "going {way} was the shorter way to the last cells", { way })
+    : t("mars.better.shorter", "going {way} was the shorter way", { way });
 }
 
 /** @param {Mars.Mistake} mistake @returns the sentence about a mistake; an end for good costs no number of moves */
 export function sentenceOf(mistake) {
   const { first, last, step, cost, kind } = mistake;
-  const doing = `${whatWasDone(mistake)}; ${whatExpertDoes(mistake)}.`;
-  if (kind === "ended early") return `Move ${step + 1} ended the episode: ${doing}`;
-  if (first === last) return `Move ${step + 1} cost ${many(cost, "move")}: ${doing}`;
-  return `Moves ${first + 1} to ${last + 1} cost ${many(cost, "move")}: at move ${step + 1} ${doing}`;
+  const values = { move: step + 1, first: first + 1, last: last + 1, cost: movesText(cost), did: whatWasDone(mistake), better: whatExpertDoes(mistake) };
+  if (kind === "ended early") return t("mars.mistake.end", "Move {move} ended the episode: {did}; {better}.", values);
+  if (first === last) return t("mars.mistake.one", "Move {move} cost {cost}: {did}; {better}.", values);
+  return t("mars.mistake.more", "Moves {first} to {last} cost {cost}: at move {move} {did}; {better}.", values);
 }
 
 /** Return what an episode tried again from a move came to: "80 moves before, 76 now, from move 9."
@@ -59,18 +71,19 @@ export function triedText(before, now, move) {
 
 /** @param {number} gap moves @returns how many more or fewer they are */
 export function gapText(gap) {
-  if (gap === 0) return "as many";
-  return `${Math.abs(gap)} ${gap > 0 ? "more" : "fewer"}`;
+  if (gap === 0) return t("mars.gap.none", "as many");
+  return gap > 0 ? t("mars.gap.more", "{n} more", { n: gap }) : t("mars.gap.fewer", "{n} fewer", { n: -gap });
 }
 
 /** @param {Answers.Costs} costs @returns the sentence above the list: the whole difference, and why no move is judged if none is */
 export function summaryOf({ policy, reason, counts, expert_moves: expert, total, mistakes, given_up }) {
   const name = policyName(policy);
-  const whole = expert === null || total === null ? "" : `Your episode counts ${many(counts, "move")}, ${name}'s ${expert}: ${gapText(total)}. `;
+  const whole = expert === null || total === null ? ""
+    : t("mars.costs.whole", "Your episode counts {moves}, {policy}'s {expert}: {gap}. ", { moves: movesText(counts), policy: name, expert, gap: gapText(total) });
   if (reason !== null) return `${whole}${capital(reason)}.`;
-  const end = given_up ? `Giving up cost ${many(given_up, "move")}: ${name} would have finished from there. ` : "";
-  const named = mistakes.length ? "" : "No mistake cost 2 moves or more. ";
-  return `${whole}${end}${named}Judged with the whole terrain known, and ${name} playing on after each move.`;
+  const end = given_up ? t("mars.costs.given_up", "Giving up cost {moves}: {policy} would have finished from there. ", { moves: movesText(given_up), policy: name }) : "";
+  const named = mistakes.length ? "" : t("mars.costs.none", "No mistake cost 2 moves or more. ");
+  return `${whole}${end}${named}${t("mars.costs.judged", "Judged with the whole terrain known, and {policy} playing on after each move.", { policy: name })}`;
 }
 
 /** Return the sentences below the list: what the mistakes cost that are not in it, and what other moves gained.
@@ -79,8 +92,8 @@ export function restOf({ policy, total, given_up, gained, mistakes }) {
   if (total === null || given_up === null || gained === null) return [];
   const others = total - given_up - gained - mistakes.reduce((sum, { cost }) => sum + cost, 0);
   return [
-    ...(others ? [`Other mistakes cost ${many(others, "move")} in all.`] : []),
-    ...(gained ? [`Moves that turned out better than ${policyName(policy)}'s gained ${many(-gained, "move")}.`] : []),
+    ...(others ? [t("mars.costs.others", "Other mistakes cost {moves} in all.", { moves: movesText(others) })] : []),
+    ...(gained ? [t("mars.costs.gained", "Moves that turned out better than {policy}'s gained {moves}.", { policy: policyName(policy), moves: movesText(-gained) })] : []),
   ];
 }
 

@@ -85,6 +85,7 @@ export function createCosts({ part, canvas, chart, state, load, tryFrom, storage
       if (episode !== asked) return;
       paintList(found);
       if (found.reason === null) show(found);
+      part.costs.querySelector("li")?.scrollIntoView({ block: "nearest" }); // the greatest loss is in sight
     } catch (error) {
       if (episode !== asked) return;
       const reason = error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`;
@@ -107,16 +108,16 @@ export function createCosts({ part, canvas, chart, state, load, tryFrom, storage
       item.addEventListener("focusout", () => point(null));
       return item;
     }));
-    const hint = found.mistakes.length ? [create("p", "Choose one to see the board as you saw it: your move is the dashed arrow, Expert's is green, and green cells are what it would soon have shown.", { class: "hint" })] : [];
+    const hint = found.mistakes.length ? [create("p", "Choose one: the board as you saw it, your move dashed, Expert's green with what it would soon have shown.", { class: "hint" })] : [];
     const rest = restOf(found).map((text) => create("p", text));
-    part.costs.replaceChildren(create("p", summaryOf(found), { role: "status" }), list, ...rest, ...hint);
+    part.costs.replaceChildren(create("p", summaryOf(found), { role: "status" }), ...hint, list, ...rest);
   }
   /** @param {MouseEvent} event */
   function onBoard(event) {
     const frame = playerOf()?.frame;
     if (!analysis || !frame) return null;
     const scale = canvas.width / canvas.clientWidth;
-    return numberAt(analysis.mistakes, { x: event.offsetX * scale, y: event.offsetY * scale }, canvas.width / frame.cols, scale);
+    return numberAt(analysis.mistakes, frame, { x: event.offsetX * scale, y: event.offsetY * scale }, canvas.width / frame.cols, scale);
   }
   /** @param {MouseEvent} event */
   function onCurve({ clientX, clientY }) {

@@ -1,7 +1,7 @@
 // A finished episode: its course, the board after any number of moves, what the last of them did, and what Expert would do
 // there: how sure it is of each move, as wedges round the rover, and a line in moves.
 import { many } from "../../common/words.js";
-import { cellAfter, WAYS } from "./ground.js";
+import { WAYS } from "./ground.js";
 
 /** Return the course that the frames of an ended episode tell; null without frames. Long ones come with frames left
  * out: the board stays as it was then.
@@ -51,7 +51,6 @@ export function boardAt(course, step) {
 }
 
 const SHOWN_NOW = "rgba(255, 222, 170, 0.38)";
-const CRASH = "#ff5c45";
 /** CSS pixels a cell below which the rover wears a ring. */
 const SMALL = 8;
 
@@ -62,17 +61,7 @@ export function newCells(course, step) {
     line.flatMap((since, col) => (since === step ? [/** @type {Cell} */ ([row, col])] : [])));
 }
 
-/** Return the cell of the rock that the rover has crashed into, or the cell off the map that it has driven to; null
- * otherwise.
- * @param {Mars.Course} course @param {number} step @returns {Cell | null} */
-export function crashAt(course, step) {
-  if (step < course.actions.length || !["collided", "out_of_bounds"].includes(course.outcome ?? "")) return null;
-  const { actions, positions } = course;
-  const [before, last] = positions.slice(actions.length - 1);
-  return String(before) === String(last) ? cellAfter(last, actions[actions.length - 1]) : last;
-}
-
-/** Draw over a board what the last move has shown, a crash, and a ring round a rover too small to be found at once.
+/** Draw over a board what the last move has shown, and a ring round a rover too small to be found at once.
  * @param {HTMLElement} place @param {Mars.Course} course @param {number} step @param {Look} look */
 export function paintEvents(place, course, step, { accent, dpr }) {
   const canvas = /** @type {HTMLCanvasElement} */ (place.querySelector("canvas"));
@@ -83,25 +72,7 @@ export function paintEvents(place, course, step, { accent, dpr }) {
   for (const [row, col] of newCells(course, step)) {
     if (row !== at[0] || col !== at[1]) context.fillRect(col * size, row * size, size, size);
   }
-  const crash = crashAt(course, step);
-  if (crash) paintCrash(context, course.grid, crash, size);
   if (size < SMALL * dpr) paintRing(context, at, size, accent, dpr);
-}
-
-/** @param {CanvasRenderingContext2D} context @param {string[]} grid @param {Cell} crash
- * @param {number} size of a cell in device pixels */
-function paintCrash(context, grid, crash, size) {
-  const x = Math.max(0.5, Math.min(crash[1] + 0.5, grid[0].length - 0.5)) * size;
-  const y = Math.max(0.5, Math.min(crash[0] + 0.5, grid.length - 0.5)) * size;
-  context.strokeStyle = CRASH;
-  context.lineWidth = Math.max(2, size * 0.18);
-  context.lineCap = "round";
-  context.beginPath();
-  for (const slope of [-1, 1]) {
-    context.moveTo(x - size * 0.34, y - slope * size * 0.34);
-    context.lineTo(x + size * 0.34, y + slope * size * 0.34);
-  }
-  context.stroke();
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Cell} position @param {number} size of a cell in device pixels
@@ -158,13 +129,13 @@ export function paintShares(context, shares, [row, col], size, { colour, dpr }) 
  * @param {Answers.Advice} advice @param {Mars.Course} course @param {number} step */
 export function adviceText({ action, needs, cost }, { actions, outcome }, step) {
   const made = actions[step];
-  const end = needs === null ? "does not get there in the moves that are left" : `needs ${many(needs, "more move")} from here`;
+  const end = needs === null ? "not get there in the moves that are left" : `need ${many(needs, "more move")} from here`;
   if (made === action) return `Expert would go ${action} too, and ${end}.`;
   const isEnd = step === actions.length - 1 && (outcome === "collided" || outcome === "out_of_bounds");
   return `Expert would go ${action} and ${end}; the move made, ${made}, ${isEnd ? "ended the episode" : costText(cost)}.`;
 }
 /** @param {number} cost */
 function costText(cost) {
-  if (cost === 0) return "cost nothing";
+  if (cost === 0) return "was as good";
   return cost > 0 ? `cost ${many(cost, "move")}` : `gained ${many(-cost, "move")}, as it turned out`;
 }

@@ -1,10 +1,13 @@
 // The four ways over a grid, and what the page knows of the ground ahead.
+import { t } from "../../common/texts.js";
 
 /** Rows down and columns right of a move, in the order of the codes of actions.
  * @type {Readonly<Record<Action, Cell>>} */
 export const WAYS = Object.freeze({ north: [-1, 0], east: [0, 1], south: [1, 0], west: [0, -1] });
 /** What the characters of a grid mean. */
-export const CELL_STATES = Object.freeze({ "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" });
+export const CELL_STATES = Object.freeze({
+  "?": t("mars.cell.unknown", "unknown"), ".": t("mars.cell.free", "free"), "#": t("mars.cell.obstacle", "obstacle"), "@": t("mars.cell.rover", "rover"),
+});
 
 /** @param {Cell} cell @param {Action} action @returns {Cell} the cell that a move leads to */
 export const cellAfter = ([row, col], action) => [row + WAYS[action][0], col + WAYS[action][1]];
@@ -40,7 +43,7 @@ export const markAt = (grid, [row, col]) => grid[row]?.[col];
  * @param {Mars.Frame} frame the newest answer @param {readonly Action[]} waiting @param {Action} action @returns {Ground} */
 export function ahead(frame, waiting, action) {
   const mark = markAt(linesOf(frame), [...waiting, action].reduce(cellAfter, frame.position));
-  if (mark === undefined) return { stop: "Stopped before the edge" };
-  if (mark === "#") return { stop: "Stopped before a rock" };
+  if (mark === undefined) return { stop: t("mars.stop.edge", "Stopped before the edge") };
+  if (mark === "#") return { stop: t("mars.stop.rock", "Stopped before a rock") };
   return mark === "?" ? "unknown" : "free";
 }

@@ -2,8 +2,9 @@
 // and on the chart: a number on the player's curve at the step of each.
 import { WAYS } from "./ground.js";
 
-/** Where a number goes when another one stands there already, in its own diameters. */
-const ASIDE = [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]];
+/** Where a number may stand: off the corners of its cell, between the arrows, and further out where others stand there. */
+const CORNERS = [[1, -1], [-1, -1], [1, 1], [-1, 1]];
+const ASIDE = [...CORNERS, ...CORNERS.map(([across, along]) => [3 * across, along]), ...CORNERS.map(([across, along]) => [across, 3 * along])];
 
 /** @param {number} size cell, device pixels @param {number} dpr @returns the radius of a number */
 export const markRadius = (size, dpr) => Math.max(8.5 * dpr, Math.min(0.6 * size, 13 * dpr));
@@ -27,36 +28,44 @@ function nearest(places, { x, y }, reach) {
   return least <= reach ? distances.indexOf(least) : null;
 }
 
-/** Return where the numbers stand on a board.
- * @param {Mars.Mistake[]} mistakes @param {number} size cell, device pixels @param {number} radius */
-export function placeMarks(mistakes, size, radius) {
-  const homes = mistakes.map(({ position: [row, col] }) => ({ x: (col + 0.5) * size, y: (row + 0.5) * size }));
-  return placed(homes, ASIDE, 2 * radius, ({ x, y }) => x > 0 && y > 0, 1.9 * radius);
+/** @param {Mars.Mistake} mistake @param {number} size cell @returns {Point} the middle of its cell */
+const homeOf = ({ position: [row, col] }, size) => ({ x: (col + 0.5) * size, y: (row + 0.5) * size });
+
+/** Return where the numbers stand on a board: beside their cells, so that none hides the rover or another one.
+ * @param {Mars.Mistake[]} mistakes @param {Mars.Shape} shape of the board @param {number} size cell, device pixels @param {number} radius */
+export function placeMarks(mistakes, { rows, cols }, size, radius) {
+  const homes = mistakes.map((mistake) => homeOf(mistake, size));
+  const isInside = (/** @type {Point} */ { x, y }) => x >= radius && y >= radius && x <= cols * size - radius && y <= rows * size - radius;
+  const isClear = (/** @type {Point} */ { x, y }) => homes.every((home) => Math.max(Math.abs(home.x - x), Math.abs(home.y - y)) >= 0.5 * size + 0.7 * radius);
+  return placed(homes, ASIDE, 0.5 * size + 0.75 * radius, (point) => isInside(point) && isClear(point), 2.1 * radius);
 }
 
 /** Return the index of the number at a point of a board, null where there is none.
- * @param {Mars.Mistake[]} mistakes @param {Point} point @param {number} size cell, device pixels @param {number} dpr */
-export function numberAt(mistakes, point, size, dpr) {
+ * @param {Mars.Mistake[]} mistakes @param {Mars.Shape} shape of the board @param {Point} point @param {number} size cell, device pixels @param {number} dpr */
+export function numberAt(mistakes, shape, point, size, dpr) {
   const radius = markRadius(size, dpr);
-  return nearest(placeMarks(mistakes, size, radius), point, radius + 6 * dpr);
+  return nearest(placeMarks(mistakes, shape, size, radius), point, radius + 6 * dpr);
 }
 
-/** Paint the marks over a board; with one chosen, its arrows and what was missed, and the others fainter.
+/** Paint the marks over a board: each number led to its cell, since arrows of neighbours hide one another; with one chosen,
+ * its arrows and what was missed, and the others fainter.
  * @param {CanvasRenderingContext2D} context @param {Mars.Marks} marks @param {number} size cell, device pixels
- * @param {{made: string, better: string, casing: string, dpr: number}} look */
-export function paintMistakeMarks(context, { mistakes, chosen, hasNumbers = true }, size, { made, better, casing, dpr }) {
+ * @param {Mars.Shape & {made: string, better: string, casing: string, dpr: number}} look */
+export function paintMistakeMarks(context, { mistakes, chosen, hasNumbers = true }, size, { rows, cols, made, better, casing, dpr }) {
   const radius = markRadius(size, dpr);
-  const places = placeMarks(mistakes, size, radius);
+  const places = placeMarks(mistakes, { rows, cols }, size, radius);
   context.save();
   if (chosen !== null) paintMissed(context, mistakes[chosen].missed, size, better, dpr);
   const order = mistakes.map((_, index) => index).filter((index) => index !== chosen).reverse();
-  for (const index of chosen === null ? order : [chosen]) {
-    const { action, expert_action, position: [row, col] } = mistakes[index];
-    const home = { x: (col + 0.5) * size, y: (row + 0.5) * size };
-    const length = Math.max(1.6 * size, 2.4 * radius) * (chosen === null ? 1 : 1.25);
+  for (const index of chosen === null ? order : []) paintLeader(context, homeOf(mistakes[index], size), places[index], { colour: made, casing, dpr });
+  if (chosen !== null) {
+    const { action, expert_action } = mistakes[chosen];
+    const home = homeOf(mistakes[chosen], size);
+    const edge = { right: cols * size, bottom: rows * size };
+    const length = 1.25 * Math.max(1.6 * size, 2.4 * radius);
     const gap = hasNumbers ? 0 : 0.5 * size; // the rover's own arrow stays in sight
-    paintArrow(context, home, WAYS[action], length, { gap, colour: made, casing, dpr, isDashed: true });
-    paintArrow(context, home, WAYS[expert_action], length, { gap, colour: better, casing, dpr, isDashed: false });
+    paintArrow(context, home, WAYS[action], length, { edge, gap, colour: made, casing, dpr, isDashed: true });
+    paintArrow(context, home, WAYS[expert_action], length, { edge, gap, colour: better, casing, dpr, isDashed: false });
   }
   for (const index of !hasNumbers ? [] : chosen === null ? order : [...order, chosen]) {
     const isChosen = index === chosen;
@@ -64,6 +73,22 @@ export function paintMistakeMarks(context, { mistakes, chosen, hasNumbers = true
     paintNumber(context, places[index], index + 1, { radius, dpr, ring: made, fill: isChosen ? made : casing, ink: isChosen ? casing : made });
   }
   context.restore();
+}
+
+/** Lead a number to the cell that it stands for.
+ * @param {CanvasRenderingContext2D} context @param {Point} home @param {Point} place @param {{colour: string, casing: string, dpr: number}} look */
+function paintLeader(context, home, place, { colour, casing, dpr }) {
+  for (const [ink, width] of /** @type {[string, number][]} */ ([[casing, 4 * dpr], [colour, 2 * dpr]])) {
+    context.strokeStyle = context.fillStyle = ink;
+    context.lineWidth = width;
+    context.beginPath();
+    context.moveTo(home.x, home.y);
+    context.lineTo(place.x, place.y);
+    context.stroke();
+    context.beginPath();
+    context.arc(home.x, home.y, 2 * dpr + width / 2, 0, 7);
+    context.fill();
+  }
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Cell[]} cells @param {number} size @param {string} colour
@@ -81,9 +106,13 @@ function paintMissed(context, cells, size, colour, dpr) {
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Point} from @param {Cell} way rows down and columns right
- * @param {number} length @param {{gap: number, colour: string, casing: string, dpr: number, isDashed: boolean}} look gap: before it begins */
-function paintArrow(context, { x, y }, [down, right], length, { gap, colour, casing, dpr, isDashed }) {
-  const head = Math.max(7 * dpr, 0.3 * length);
+ * @param {number} wanted length @param {{edge: {right: number, bottom: number}, gap: number, colour: string, casing: string, dpr: number, isDashed: boolean}} look
+ *   edge: of the board, within which the head stays; gap: before the arrow begins */
+function paintArrow(context, { x, y }, [down, right], wanted, { edge, gap: wantedGap, colour, casing, dpr, isDashed }) {
+  const toEdge = right ? (right > 0 ? edge.right - x : x) : (down > 0 ? edge.bottom - y : y);
+  const length = Math.max(Math.min(wanted, toEdge - 2 * dpr), 4 * dpr);
+  const head = Math.min(Math.max(7 * dpr, 0.3 * wanted), 0.75 * length);
+  const gap = Math.min(wantedGap, length - head);
   const neck = length - head;
   const tip = { x: x + right * length, y: y + down * length };
   for (const [ink, width] of /** @type {[string, number][]} */ ([[casing, 6 * dpr], [colour, 3 * dpr]])) {

@@ -4,7 +4,7 @@ declare namespace Mars {
   /** How cells look; `casing` is drawn round paths and left out where there is none. */
   type Soil = {shades: {"?": string, ".": string, "#": string}, edge: string, rockEdge: string, casing?: string};
   type Task = TaskOf<Frame, Cell, Course, History>;
-  type Words = Pick<Task, "round" | "target" | "chart" | "standing" | "outcome" | "status" | "goal" | "place" | "shareText" | "tries" | "headline"
+  type Words = Pick<Task, "round" | "target" | "chart" | "standing" | "beside" | "outcome" | "status" | "goal" | "place" | "shareText" | "tries" | "headline"
     | "ending" | "trialEnding" | "verdict" | "compare" | "inWords" | "announcement" | "sound" | "hint" | "coach">;
   /** A board of this world. */
   type Board = Omit<globalThis.Board, "frame" | "trail"> & {frame: Frame, trail: Cell[]};
@@ -16,6 +16,7 @@ declare namespace Mars {
   };
   /** The part of a board on its stage, and a cell, in device pixels. */
   type Window = {size: number, left: number, top: number, width: number, height: number};
+  type Shape = {rows: number, cols: number};
   /** Chosen: the index of one of them; without numbers its arrows stand alone. */
   type Marks = {mistakes: Mistake[], chosen: number | null, hasNumbers?: boolean};
 }

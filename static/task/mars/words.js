@@ -1,13 +1,14 @@
 // MarsExplorer in words, with plain names of policies and levels: forms and addresses keep the technical ones. No document here, so
 // that node can test every sentence.
 import { axisOfShares } from "../../common/chart_scale.js";
-import { many, percent, score, within } from "../../common/words.js";
+import { plural, t } from "../../common/texts.js";
+import { actionText, many, movesText, percent, score, within } from "../../common/words.js";
 import { CELL_STATES, cellAfter, linesOf, markAt, WAYS } from "./ground.js";
 
 /** @type {Readonly<Record<string, string>>} */
 const POLICIES = Object.freeze({
-  ppo: "Expert", "frontier-cost": "Nearest", "frontier-utility": "Greedy", "frontier-priced": "Tidy",
-  lookahead: "Expert that knows how terrains are made", random: "Random",
+  ppo: t("mars.policy.ppo", "Expert"), "frontier-cost": t("mars.policy.cost", "Nearest"), "frontier-utility": t("mars.policy.utility", "Greedy"),
+  "frontier-priced": t("mars.policy.priced", "Tidy"), lookahead: t("mars.policy.lookahead", "Expert that knows how terrains are made"), random: t("policy.random", "Random"),
 });
 /** @type {Readonly<Record<string, string>>} */
 const LEVELS = Object.freeze({ "1-1-1": "Open", random: "Scattered", "3-2-1": "Boulders", building: "Building", cave: "Cave" });
@@ -53,16 +54,16 @@ const TARGET = "99 %";
 /** An outcome in a word, as the state of a board, and what the ends of an episode and of a trial say.
  * @type {Record<string, {word: string, status: string, title: string, line: string, trial: [string, string]}>} */
 const ENDINGS = {
-  explored: { word: "mapped", status: "mapped", title: "Mapped in {moves}", line: "99 % of {ground} is on the map.",
-    trial: ["Terrain mapped", "{target} of the terrain is on the map."] },
-  collided: { word: "crashed", status: "collided", title: "Crashed at {coverage} after {moves}", line: "The rover hit a rock, which ends the episode.",
-    trial: ["Rover lost: collision", "The rover drove into a rock."] },
-  out_of_bounds: { word: "off the map", status: "off the map", title: "Off the map at {coverage} after {moves}",
-    line: "The rover drove over the edge of the map, which ends the episode.", trial: ["Rover lost: off the map", "The rover drove over the edge of the terrain."] },
-  timed_out: { word: "out of moves", status: "out of moves", title: "Out of moves at {coverage} after {moves}",
-    line: "The last move was made before 99 % of {ground} was on the map.", trial: ["Out of moves", "The last move was made before {target} was mapped."] },
-  abandoned: { word: "abandoned", status: "abandoned", title: "Abandoned at {coverage} after {moves}", line: "The episode was left before its end.",
-    trial: ["Abandoned", "The episode was left before its end."] },
+  explored: { word: "\u2713", status: t("mars.status.explored", "mapped"), title: t("mars.end.explored", "Mapped in {moves}"), line: "99 % of {ground} is on the map.",
+    trial: [t("mars.trial.explored", "Terrain mapped"), t("mars.trial.explored_line", "{target} of the terrain is on the map.")] },
+  collided: { word: "crashed", status: t("mars.status.collided", "collided"), title: t("mars.end.collided", "Crashed at {coverage} after {moves}"), line: "The rover hit a rock, which ends the episode.",
+    trial: [t("mars.trial.collided", "Rover lost: collision"), t("mars.trial.collided_line", "The rover drove into a rock.")] },
+  out_of_bounds: { word: "off the map", status: t("mars.status.out_of_bounds", "off the map"), title: t("mars.end.out_of_bounds", "Off the map at {coverage} after {moves}"),
+    line: "The rover drove over the edge of the map, which ends the episode.", trial: [t("mars.trial.out_of_bounds", "Rover lost: off the map"), t("mars.trial.out_of_bounds_line", "The rover drove over the edge of the terrain.")] },
+  timed_out: { word: "out of moves", status: t("mars.status.timed_out", "out of moves"), title: t("mars.end.timed_out", "Out of moves at {coverage} after {moves}"),
+    line: "The last move was made before 99 % of {ground} was on the map.", trial: [t("mars.trial.timed_out", "Out of moves"), t("mars.trial.timed_out_line", "The last move was made before {target} was mapped.")] },
+  abandoned: { word: "abandoned", status: t("mars.status.abandoned", "abandoned"), title: t("mars.end.abandoned", "Abandoned at {coverage} after {moves}"), line: "The episode was left before its end.",
+    trial: [t("mars.trial.abandoned", "Abandoned"), t("mars.trial.abandoned_line", "The episode was left before its end.")] },
 };
 
 /** Return what coverage is a share of: the whole ground, or where walls hide some of it, what the rover can see of it.
@@ -76,12 +77,14 @@ export const stepsToGoal = ({ outcome: found, step }) => (found === "explored" ?
  * @param {Mars.Frame} frame @param {string} name */
 export function describe(frame, name) {
   const { position, rows, cols, coverage, step } = frame;
-  const around = Object.keys(WAYS).map((way) => `${way} ${stateOf(markAt(linesOf(frame), cellAfter(position, way)))}`);
-  return `State matrix of ${name}: ${many(rows, "row")}, ${many(cols, "column")}. Rover at row ${position[0] + 1}, column ${position[1] + 1}. `
-    + `${around.join(", ")}. ${percent(coverage)} percent mapped in ${many(step, "move")}.`;
+  const around = Object.keys(WAYS).map((way) => `${actionText(way)} ${stateOf(markAt(linesOf(frame), cellAfter(position, way)))}`);
+  return t("mars.matrix", "State matrix of {name}: {rows}, {cols}. Rover at row {row}, column {col}. {around}. {percent} percent mapped in {moves}.", {
+    name, rows: plural("mars.rows", rows, "{n} row", "{n} rows"), cols: plural("mars.cols", cols, "{n} column", "{n} columns"),
+    row: position[0] + 1, col: position[1] + 1, around: around.join(", "), percent: percent(coverage), moves: movesText(step),
+  });
 }
 /** @param {string | undefined} mark */
-const stateOf = (mark) => /** @type {Record<string, string>} */ (CELL_STATES)[mark ?? ""] ?? "edge";
+const stateOf = (mark) => /** @type {Record<string, string>} */ (CELL_STATES)[mark ?? ""] ?? t("mars.cell.edge", "edge");
 
 /** Return the maximal runs of equal characters: [start, length, character].
  * @param {string} line @returns {[number, number, string][]} */
@@ -100,11 +103,11 @@ const LINES = [
   ["rock", (after) => inFront(after) === "#", "A rock is right in front of you. Hitting it ends the episode."],
   ["edge", (after) => after.step > 1 && inFront(after) === "edge", "The edge of the map is right in front of you. Driving over it ends the episode."],
   ["first", () => true, "Your lidar uncovers what is in sight."],
-  ["rocks", (after) => linesOf(after).some((line) => line.includes("#")), "Pale blocks are rocks. Drive round them."],
-  ["nothing", (_after, gained) => gained === 0, "Nothing new there. Head for the dark."],
+  ["rocks", (after) => linesOf(after).some((line) => line.includes("#")), "There are rocks on the map. Drive round them."],
+  ["nothing", (_after, gained) => gained === 0, "Nothing new there. Head for what is unknown."],
   ["quarter", ({ coverage }) => coverage >= 0.25 && coverage < 0.5, "A quarter of the ground is on the map. Rocks hide what is behind them."],
-  ["half", ({ coverage }) => coverage >= 0.5 && coverage < 0.9, "Half of the ground. Plan a way that passes each dark patch once."],
-  ["most", ({ coverage }) => coverage >= 0.9, "Nearly there. The last dark cells hide behind rocks and in corners."],
+  ["half", ({ coverage }) => coverage >= 0.5 && coverage < 0.9, "Half of the ground. Plan a way that passes each unknown patch once."],
+  ["most", ({ coverage }) => coverage >= 0.9, "Nearly there. The last unknown cells hide behind rocks and in corners."],
 ];
 
 /** Return who did better, where both have ended; "" where the player's own end says more.
@@ -124,32 +127,37 @@ function verdictOf(mine, theirs, rival, watched) {
 
 /** @type {Mars.Words} */
 export const words = {
-  round: "terrain", target: TARGET,
-  chart: { title: "Mapped", goal: { at: 0.99, text: TARGET }, axis: axisOfShares, say: (share) => `${Math.floor(100 * share + 1e-9)} percent` },
+  round: t("mars.round", "terrain"), target: TARGET,
+  chart: { title: t("mars.mapped", "Mapped"), goal: { at: 0.99, text: TARGET }, axis: axisOfShares, say: (share) => t("mars.percent", "{n} percent", { n: Math.floor(100 * share + 1e-9) }) },
   shareText: (share) => `${percent(share)} % mapped`,
   tries: { title: "Would you drive another way?", note: "Each board stands where your longest stretch without anything new began. To try is practice: nothing counts." },
   standing: "Your lidar uncovers what is in sight. Rocks and the edge of the map end the episode.",
+  beside: (rival) => `${rival} drives the same terrain beside you: fewer moves win.`,
   outcome: (found) => (found ? ENDINGS[found]?.word ?? found : ""),
-  status: (found) => (found ? ENDINGS[found]?.status ?? found : "exploring"),
+  status: (found) => (found ? ENDINGS[found]?.status ?? found : t("mars.status.exploring", "exploring")),
   goal: (frame) => `Map ${TARGET} of ${frame ? ground(frame) : "the ground"} in as few moves as you can`,
   place: (level, { rows, cols }) => `${levelName(level)} \u00b7 ${rows} \u00d7 ${cols}`,
   headline: ({ coverage }) => ({ value: percent(coverage), unit: "% mapped", share: coverage }),
   ending(frame) {
     const { title, line } = ENDINGS[frame.outcome ?? ""] ?? { title: "{coverage} after {moves}", line: "" };
-    return { title: title.replace("{coverage}", `${percent(frame.coverage)} %`).replace("{moves}", many(frame.step, "move")), line: line.replace("{ground}", ground(frame)) };
+    return { title: title.replace("{coverage}", `${percent(frame.coverage)} %`).replace("{moves}", movesText(frame.step)), line: line.replace("{ground}", ground(frame)) };
   },
   trialEnding({ outcome: found, step, coverage, score: value }, wanted) {
     const [title, line] = ENDINGS[found ?? ""]?.trial ?? [found ?? "", ""];
     const isLost = found === "collided" || found === "out_of_bounds";
-    const advice = found === "explored" ? "That is all there is to it." : isLost ? "In the study that would have ended this terrain. Try once more, or go on." : "";
+    const lost = isLost ? t("mars.trial.lost", "In the study that would have ended this terrain. Try once more, or go on.") : "";
+    const advice = found === "explored" ? t("mars.trial.all", "That is all there is to it.") : lost;
     /** @type {[string, string][]} */
-    const figures = [["Moves", String(step)], ["Mapped", `${percent(coverage)} %`]];
-    return { title, line: line.replace("{target}", wanted), advice, figures: value === null ? figures : [...figures, ["Score", score(value)]] };
+    const figures = [[t("play.moves", "Moves"), String(step)], [t("mars.mapped", "Mapped"), `${percent(coverage)} %`]];
+    return { title, line: line.replace("{target}", wanted), advice, figures: value === null ? figures : [...figures, [t("play.score", "Score"), score(value)]] };
   },
   verdict(mine, theirs, rival, watched) {
     const title = theirs?.outcome ? verdictOf(mine, theirs, rival, watched) : "";
     const needed = stepsToGoal(mine);
-    return title ? { title, line: needed === null ? `${words.ending(mine).title}.` : `${watched ?? "You"} needed ${many(needed, "move")}.` } : null;
+    if (!title) return null;
+    const other = theirs && stepsToGoal(theirs);
+    const both = other === null || other === needed ? "" : `, ${rival} ${other}`;
+    return { title, line: needed === null ? `${words.ending(mine).title}.` : `${watched ?? "You"} needed ${many(needed, "move")}${both}.` };
   },
   compare(mine, theirs, rival) {
     if (!theirs) return "";
@@ -157,21 +165,22 @@ export const words = {
     const [a, b] = [stepsToGoal(mine), stepsToGoal(theirs)];
     if (a === null && b !== null) return `${rival} reached ${TARGET} in ${many(b, "move")}.`;
     if (a === null || b === null) return `${rival} did not reach ${TARGET}${a === null ? " here either" : ""}: ${words.status(theirs.outcome)} after ${many(theirs.step, "move")}.`;
-    return a === b ? "" : `${rival} needed ${many(b, "move")}.`; // the headline has the rest
+    return ""; // the verdict has both
   },
   inWords(frame, name) {
     const rows = linesOf(frame).map((line) => runs(line).map(([, length, mark]) =>
-      (mark === "@" ? stateOf(mark) : `${length} ${mark === "#" ? "rock" : stateOf(mark)}`)).join(", "));
+      (mark === "@" ? stateOf(mark) : `${length} ${mark === "#" ? t("mars.cell.rock", "rock") : stateOf(mark)}`)).join(", "));
     return { line: describe(frame, name), rows };
   },
   /** Each tenth of the ground, and the end. */
   announcement(before, after) {
-    if (!before || before.episode !== after.episode) return `New terrain, ${after.rows} by ${after.cols}. ${percent(after.coverage)} percent in sight.`;
+    if (!before || before.episode !== after.episode) return t("mars.said.new", "New terrain, {rows} by {cols}. {percent} percent in sight.", { rows: after.rows, cols: after.cols, percent: percent(after.coverage) });
     if (after.outcome && !before.outcome) {
-      return `${words.ending(after).title.replace("%", "percent")}.${after.score === null ? "" : ` Score ${score(after.score)}.`}`;
+      const end = `${words.ending(after).title.replace("%", t("mars.percent_word", "percent"))}.`;
+      return after.score === null ? end : `${end} ${t("mars.said.score", "Score {score}.", { score: score(after.score) })}`;
     }
     const tenth = Math.floor(after.coverage * 10);
-    return tenth > Math.floor(before.coverage * 10) ? `${tenth * 10} percent mapped in ${many(after.step, "move")}.` : "";
+    return tenth > Math.floor(before.coverage * 10) ? t("mars.said.tenth", "{percent} percent mapped in {moves}.", { percent: tenth * 10, moves: movesText(after.step) }) : "";
   },
   sound(before, after) {
     const ends = { explored: "finish", collided: "crash", out_of_bounds: "crash" };
@@ -186,11 +195,11 @@ export const words = {
     return gain || line ? { id, gain, line } : null;
   },
   coach({ step, coverage }, keyOf, wanted) {
-    if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Drive one cell with ${keyOf("east")} or ${keyOf("south")}.`];
-    if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Plain cells are still unknown, brown ones are free ground."];
-    if (step < 9) return ["Keep clear of rocks and edges", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain."];
-    if (coverage < 0.5) return ["Look for what is unknown", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];
-    if (coverage < 0.9) return ["More than half is mapped", "Few moves are what counts, so plan a way that passes each black patch once."];
-    return ["Nearly there", `The terrain is done at ${wanted}. The last unknown cells are often behind rocks and in corners.`];
+    if (step === 0) return [t("mars.coach.first", "Make the first move"), t("mars.coach.first_line", "You are the bright cell in the top left corner. Drive one cell with {east} or {south}.", { east: keyOf("east"), south: keyOf("south") })];
+    if (step < 4) return [t("mars.coach.lidar", "Your lidar maps as you drive"), t("mars.coach.lidar_line", "Each move shows what is in line of sight around the rover. Plain cells are still unknown, brown ones are free ground.")];
+    if (step < 9) return [t("mars.coach.rocks", "Keep clear of rocks and edges"), t("mars.coach.rocks_line", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain.")];
+    if (coverage < 0.5) return [t("mars.coach.unknown", "Look for what is unknown"), t("mars.coach.unknown_line", "Steer to where much is unknown. Rocks cast shadows: look behind them as well.")];
+    if (coverage < 0.9) return [t("mars.coach.half", "More than half is mapped"), t("mars.coach.half_line", "Few moves are what counts, so plan a way that passes each black patch once.")];
+    return [t("mars.coach.nearly", "Nearly there"), t("mars.coach.nearly_line", "The terrain is done at {target}. The last unknown cells are often behind rocks and in corners.", { target: wanted })];
   },
 };

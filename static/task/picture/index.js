@@ -1,18 +1,26 @@
 // Any environment, shown as its own picture and told in the words of its description.
 import { span, ticks, tickText } from "../../common/chart_scale.js";
 import { create } from "../../common/page.js";
-import { capital, many, score } from "../../common/words.js";
+import { fixed, t } from "../../common/texts.js";
+import { actionText, capital, many, movesText, score } from "../../common/words.js";
 
 /** A picture with a shorter side, pixels, is enlarged without smoothing, from twice its size on. */
 const SMALL = 256;
 
-const FAILED = "It failed twice at the next move, which was not your doing. The round counts up to there.";
+const FAILED = t("picture.failed", "It failed twice at the next move, which was not your doing. The round counts up to there.");
 
 /** @param {number | null | undefined} clock @param {number} step @returns how long it took: "12 moves", or "3.5 s" where time runs */
-const took = (clock, step) => (clock ? `${(step / clock).toFixed(1)} s` : many(step, "move"));
+const took = (clock, step) => (clock ? `${fixed(step / clock, 1)} s` : movesText(step));
 
 /** @param {string | null} outcome @returns an outcome as it stands on a page: "timed out" */
-const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
+const words = (outcome) => OUTCOMES[outcome ?? ""] ?? (outcome ?? "").replaceAll("_", " ");
+
+/** @type {Readonly<Record<string, string>>} */
+const OUTCOMES = Object.freeze({
+  succeeded: t("picture.succeeded", "succeeded"), terminated: t("picture.terminated", "terminated"), truncated: t("picture.truncated", "truncated"),
+  timed_out: t("picture.timed_out", "timed out"), abandoned: t("picture.abandoned", "abandoned"),
+  environment_failed: t("picture.environment_failed", "environment failed"),
+});
 
 /** @param {Answers.Task} about @returns the actions that have a key */
 const reached = ({ actions, keys }) => actions.filter((action) => keys[action]?.length);
@@ -46,8 +54,12 @@ function paint(place, { frame }, { name, width_px, height_px, dpr }, clock = nul
 /** @param {Picture.Frame} frame @param {number | null} [clock] */
 function inWords({ text, step, outcome }, clock) {
   const rows = (text ?? "").split("\n").filter(Boolean);
-  return { line: [...rows, `${words(outcome) || "running"} after ${took(clock, step)}`].join("; "), rows };
+  return { line: [...rows, after(words(outcome) || RUNNING, took(clock, step))].join("; "), rows };
 }
+
+const RUNNING = t("picture.running", "running");
+/** @param {string} outcome @param {string} time @returns both in one sentence */
+const after = (outcome, time) => t("picture.after", "{outcome} after {time}", { outcome, time });
 
 /** @param {number | null} moves */
 const needed = (moves) => (moves === null ? "not within the limit" : many(moves, "move"));
@@ -64,13 +76,13 @@ function adviceText({ actions }, { action, needs, cost, after }, made) {
 /** Return what the moves of an episode cost, in sentences.
  * @param {Answers.Costs} costs */
 function costsInWords({ policy, reason, counts, expert_moves: expert, given_up, mistakes }) {
-  const whole = expert === null ? "" : `Your episode counts ${many(counts, "move")}, ${policy}'s ${expert}. `;
+  const whole = expert === null ? "" : t("picture.costs.whole", "Your episode counts {moves}, {policy}'s {expert}. ", { moves: movesText(counts), policy, expert });
   if (reason !== null) return { summary: `${whole}${capital(reason)}.`, mistakes: [], rest: [] };
-  const end = given_up ? `Ending without a move cost ${many(given_up, "move")}. ` : "";
+  const end = given_up ? t("picture.costs.given_up", "Ending without a move cost {moves}. ", { moves: movesText(given_up) }) : "";
   return {
-    summary: `${whole}${end}${mistakes.length ? "" : "No move cost 2 moves or more."}`.trim(), rest: [],
+    summary: `${whole}${end}${mistakes.length ? "" : t("picture.costs.none", "No move cost 2 moves or more.")}`.trim(), rest: [],
     mistakes: mistakes.map(({ step, cost, action, expert_action: better }) =>
-      `Move ${step + 1}, ${words(action)}, cost ${many(cost, "move")}: ${words(better)} was better.`),
+      t("picture.costs.mistake", "Move {number}, {action}, cost {cost}: {better} was better.", { number: step + 1, action: actionText(action), cost: movesText(cost), better: actionText(better) })),
   };
 }
 
@@ -92,9 +104,9 @@ export function taskOf(about) {
     return frames[low];
   };
   /** @param {Picture.Frame} frame */
-  const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${took(about.clock, step)}`, line: outcome === "environment_failed" ? FAILED : "" });
+  const ending = ({ outcome, step }) => ({ title: after(capital(words(outcome)), took(about.clock, step)), line: outcome === "environment_failed" ? FAILED : "" });
   return {
-    ...about, nameOf: (policy) => (policy === "random" ? "Random" : policy), order: reached(about), round: "round", target: "the end", standing: "",
+    ...about, nameOf: (policy) => (policy === "random" ? t("policy.random", "Random") : policy), order: reached(about), round: t("picture.round", "round"), target: "the end", standing: "",
     chart: {
       title: metric.name, say: shown,
       axis(_, values) {
@@ -114,21 +126,21 @@ export function taskOf(about) {
     },
     goal: () => about.instructions || about.title,
     outcome: words,
-    status: (outcome) => words(outcome) || "running",
+    status: (outcome) => words(outcome) || RUNNING,
     trialEnding(frame) {
       /** @type {[string, string][]} */
-      const figures = [about.clock ? ["Time", took(about.clock, frame.step)] : ["Moves", String(frame.step)], ...(frame.headline === null ? [] : [/** @type {[string, string]} */ ([metric.name, shown(frame.headline)])])];
-      return { ...ending(frame), advice: "", figures: frame.score === null ? figures : [...figures, ["Score", score(frame.score)]] };
+      const figures = [about.clock ? [t("picture.time", "Time"), took(about.clock, frame.step)] : [t("play.moves", "Moves"), String(frame.step)], ...(frame.headline === null ? [] : [/** @type {[string, string]} */ ([metric.name, shown(frame.headline)])])];
+      return { ...ending(frame), advice: "", figures: frame.score === null ? figures : [...figures, [t("play.score", "Score"), score(frame.score)]] };
     },
     compare(_, theirs, rival) {
       return theirs ? `${rival}: ${words(theirs.outcome) || "running"} after ${took(about.clock, theirs.step)}, ${shown(progress(theirs))}.` : "";
     },
     announcement(before, after) {
-      if (before?.episode !== after.episode) return `New episode of ${about.title}.`;
+      if (before?.episode !== after.episode) return t("picture.new", "New episode of {title}.", { title: about.title });
       return after.outcome && !before.outcome ? `${ending(after).title}.` : after.text ?? "";
     },
     hint: () => null,
-    coach: (_, keyOf) => ["Try the keys", `${about.instructions} ${reached(about).map((action) => `${keyOf(action)}: ${words(action)}`).join(", ")}.`.trim()],
+    coach: (_, keyOf) => [t("ready.tutorial_go", "Try the keys"), `${about.instructions} ${reached(about).map((action) => `${keyOf(action)}: ${actionText(action)}`).join(", ")}.`.trim()],
     ahead: () => "free",
     allowed: ({ allowed }) => allowed,
     sound: (_, after) => (after.outcome ? { kind: "over" } : null),

@@ -111,6 +111,50 @@ main()
     assert (process.returncode, process.stdout) == (2, "")
 
 
+NO_CACHE = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator", "NUMBA_CACHE_DIR": ""}
+"""The variables by which numba uses no folder, as for a user without one that may be written to."""
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("humanplay", "serve --port 0"),
+        ("humanplay", "play --no-browser"),
+        ("marsexplorer", "evaluate --policy random"),
+        ("marsexplorer", "train --steps 1 --out new"),
+    ],
+)
+def test_without_a_folder_for_compiled_rules_a_sentence_names_the_variable(
+    tmp_path, program, words
+):
+    module = {"humanplay": "humanplay.cli", "marsexplorer": "humanplay.tasks.mars.cli"}[program]
+    process = subprocess.run(
+        [sys.executable, "-m", module, *words.split()],
+        env=os.environ | NO_CACHE,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert is_one_sentence(process.stderr), process.stderr
+    assert process.stderr.startswith(f"{program}: ")
+    assert "set the variable NUMBA_CACHE_DIR" in process.stderr
+    assert process.returncode == 1
+
+
+def test_without_a_folder_for_compiled_rules_the_environment_names_the_variable(tmp_path):
+    code = "import gymnasium, marsexplorer; gymnasium.make('MarsExplorer-v0')"
+    process = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | NO_CACHE,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert process.stderr.splitlines()[-1].startswith("ImportError: MarsExplorer's compiled rules")
+
+
 @pytest.mark.parametrize("module", ["numba", "onnxruntime", "viser"])
 def test_without_what_plays_marsexplorer_any_other_environment_is_named(run, monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
@@ -133,7 +177,8 @@ def test_the_extras_are_those_of_the_package():
     """Every library of an extra brings the extra's name into the error."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     declared = project["optional-dependencies"]
-    del declared["audit"], declared["dev"], declared["docs"]  # no command needs them
+    for extra in ("analysis", "audit", "dev", "docs"):  # no command needs them
+        del declared[extra]
     declared["agents"] = [  # the examples of agents need these, and no command
         line for line in declared["agents"] if not line.startswith(("openenv", "openai"))
     ]

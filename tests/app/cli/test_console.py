@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from humanplay.command import console
+
 ROOT = Path(__file__).parents[3]
 TABLE = """
 from humanplay.command.console import print_table
@@ -103,6 +105,24 @@ def on_a_terminal(code, columns, encoding="utf-8"):
 )
 def test_a_table_fits_the_terminal_and_breaks_no_word(columns, encoding, lines):
     assert on_a_terminal(TABLE, columns, encoding).splitlines() == lines
+
+
+@pytest.mark.parametrize("width", [140, 64, 56, 49, 40])
+def test_any_cell_is_printed_as_it_is_at_any_width(width, monkeypatch, capsys):
+    monkeypatch.setattr(console, "PRINTED_WIDTH", width)
+    columns = "policy", "moves in all of its episodes", "is it a network", "what it is"
+    rows = [
+        ("frontier-cost", "1,579", "False", "a rule with 1,200 lines and no weights"),
+        ("ppo", "-1,234.50", "True", "1e5"),
+        ("random", "0.10", "", "12,345 draws of one of four moves"),
+    ]
+    console.print_table("Policies", columns, rows)
+    printed = capsys.readouterr().out
+    assert all(len(line) <= width for line in printed.splitlines() if line.startswith(("+", "|")))
+    assert ("+--" in printed) == (width > 40)
+    words = printed.replace("|", " ").split()
+    for cell in " ".join(" ".join(row) for row in rows).split():
+        assert cell in words
 
 
 @pytest.mark.parametrize("columns", [80, 40])

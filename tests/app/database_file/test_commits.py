@@ -15,7 +15,7 @@ from humanplay.db.file import boot_id
 from humanplay.db.store import Store
 from humanplay.web.operator.health import Health
 from tests.support.command import command
-from tests.support.recorded import play
+from tests.support.recorded import ask, play
 from tests.support.servers import PATIENCE_S, eventually
 
 PASSWORD = "correct horse battery"
@@ -131,8 +131,7 @@ def test_a_write_beside_a_server_is_noted_at_once(spawn, tmp_path):
     server, path = spawn(), tmp_path / "playground.db"
     for _ in range(3):
         assert server.client().get("/readyz").status_code == 200
-        with closing(sqlite3.connect(path)) as conn:
-            (commits,) = conn.execute("SELECT value FROM meta WHERE name = 'commits'").fetchone()
+        ((commits,),) = ask(path, "SELECT value FROM meta WHERE name = 'commits'")
         assert noted(path) >= int(commits)
     server.kill()
     beside(path, "-wal").unlink()

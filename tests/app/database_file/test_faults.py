@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from humanplay.board.session import UNKEPT
+from humanplay.board.session import NOT_STORED
 from humanplay.study.verification import verify_database
 from humanplay.web.simulate import KEY_CODES, Clock
 from tests.support.command_server import command_server
@@ -93,7 +93,7 @@ def test_a_disk_that_fails_at_any_write_of_an_episode_loses_nothing(spawn, tmp_p
                 socket.send(events)
                 assert socket.receive("kept")["count"] == 0
             socket.send(move)
-            assert socket.receive("error")["detail"] == UNKEPT, "a move without its press"
+            assert socket.receive("error")["detail"] == NOT_STORED, "a move without its press"
             socket.send(events)
             assert socket.receive("kept")["count"] == 2
             with failing(server, log, error, first=first):

@@ -1,6 +1,7 @@
 """The event loop never waits for SQLite: only moves wait, and say why."""
 
 import asyncio
+import json
 import sys
 import threading
 import time
@@ -12,7 +13,8 @@ import numpy as np
 import pytest
 
 from humanplay.board import attestation
-from humanplay.db import store as store_module
+from humanplay.board.messages import encode_error
+from humanplay.db import store as writer
 from humanplay.db.store import (
     BROKEN,
     FULL,
@@ -98,7 +100,7 @@ def test_a_locked_database_delays_moves_alone_and_its_player_knows_why(serve, tm
                 socket.act({**frame, "step": step}, action)
             begins = pool.submit(client.post, "/api/sessions", json={"size": [9, 13], "seed": 7})
             during = waits_ms(other, paths, held_s)
-            assert socket.receive() == {"kind": "error", "detail": WAITS}
+            assert socket.receive() == json.loads(encode_error(WAITS))
             assert not begins.done()
             assert client.get(f"/api/sessions/{begun['session']}").json() == frame, (
                 "no frame before its step is committed"
@@ -169,7 +171,7 @@ def test_a_player_hears_of_a_slow_disk_and_no_frame_comes_before_its_commit(serv
         frame = socket.receive("frame")
         socket.receive("history")
         socket.act(frame, "south")
-        assert socket.receive() == {"kind": "error", "detail": SLOW}
+        assert socket.receive() == json.loads(encode_error(SLOW))
         assert server.client().get(f"/api/sessions/{begun['session']}").json() == frame
         assert socket.receive("frame")["step"] == 1
     delay_commits(server, 0)
@@ -195,7 +197,7 @@ def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_th
     serve, monkeypatch
 ):
     compare, compared = attestation.attest, []
-    monkeypatch.setattr(store_module, "GATHERED_S", 1.0)
+    monkeypatch.setattr(writer, "GATHER_S", 1.0)
     monkeypatch.setattr(
         attestation, "attest", lambda *given: (compared.append(1), compare(*given))[1]
     )

@@ -11,7 +11,7 @@ from humanplay.db.reader import Reader
 from humanplay.report.build import build
 from humanplay.report.costs import (
     CostPart,
-    _part,
+    _cost_part,
     cost_cache,
     cost_rows,
     costs_of_people,
@@ -92,7 +92,7 @@ def test_costs_stand_beside_experts_episodes_and_add_up(reader, estimator):
         "expert_moves": lambda costs, expert: expert,
         "total": lambda costs, expert: costs.counts - expert,
         "gained": lambda costs, expert: costs.gained,
-        "without_move": lambda costs, expert: costs.given_up,
+        "without_move": lambda costs, expert: costs.without_move,
     }.items():
         means = [np.mean([amount(*pair) for pair in pairs]) for pairs in players.values()]
         shown = getattr(summary, part)
@@ -109,8 +109,8 @@ def test_costs_stand_beside_experts_episodes_and_add_up(reader, estimator):
     assert summary.total.interval is None, "two players have no interval"
     six = np.repeat(table, 3, axis=0)
     ends = tuple(map(float, interval(six, None, terrains_drawn=False)))
-    assert _part(six, False).interval == pytest.approx(ends)
-    assert _part(np.zeros((5, 3)), True) == CostPart(0.0, None), "no spread"
+    assert _cost_part(six, False).interval == pytest.approx(ends)
+    assert _cost_part(np.zeros((5, 3)), True) == CostPart(0.0, None), "no spread"
 
 
 def test_without_experts_file_no_move_is_judged_and_the_report_says_so(place):

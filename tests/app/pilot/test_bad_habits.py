@@ -56,6 +56,19 @@ def test_it_is_refused_with_the_way_out(opened, name):
         opened(name)
 
 
+@pytest.mark.parametrize(
+    ("name", "line"), [("NoReset", 'raise KeyError("no level file")'), ("FloatPicture", "")]
+)
+def test_before_the_page_opens_the_author_reads_which_line_of_theirs_raised(
+    opened, name, line, capfd
+):
+    with pytest.raises(PilotError):
+        opened(name)
+    text = capfd.readouterr().out
+    assert line in text
+    assert ("Traceback" in text) == bool(line)
+
+
 @pytest.mark.parametrize("name", cases(ENDS, "Raises"))
 def test_it_ends_its_own_episode_and_the_author_reads_why(opened, name, capfd):
     browser = opened(name)

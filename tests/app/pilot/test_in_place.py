@@ -1,9 +1,9 @@
 """An environment that cannot be made again is stepped by its program."""
 
+import shutil
 import sqlite3
-import subprocess
-import sys
 import time
+from contextlib import contextmanager
 
 import pytest
 
@@ -14,25 +14,35 @@ from humanplay.task.registration import environment_of
 from tests.app.tasks.test_gymnasium import begin
 from tests.app.tasks.test_gymnasium import play as play_out
 from tests.support.command import command
+from tests.support.forked_server import Program
 from tests.support.recorded import ask
-from tests.support.stepped_in_place import Program, Walk
+from tests.support.stepped_in_place import Walk, WalkingProgram
 
 RIGHT = ("right",)
 
 
 @pytest.fixture
 def program(tmp_path):
-    """`program(...)` starts one in the test's folder."""
+    """`program(...)` begins one in the test's folder, forked if it need not be fresh."""
+    with programs_in(tmp_path) as start:
+        yield start
+
+
+@contextmanager
+def programs_in(folder):
+    """Yield what begins programs in a folder, or in another one; end them all."""
     programs = []
 
-    def start(then="", options=None, folder=tmp_path, **arguments):
-        programs.append(Program(folder, then, options, **arguments))
+    def start(then="", options=None, folder=folder, **arguments):
+        programs.append(WalkingProgram(folder, then, options, **arguments))
         return programs[-1]
 
-    yield start
-    for running in programs:
-        running.close()
-        running.forget_page()
+    try:
+        yield start
+    finally:
+        for running in programs:
+            running.close()
+            running.forget_page()
 
 
 def visitor(server, name="Ada"):
@@ -80,24 +90,33 @@ def recorded(folder, name="plays.db"):
     return sorted(folder.glob(f"{name}-recordings/*/*.bin"))
 
 
+@pytest.fixture(scope="module")
+def walks_on_a_seed(tmp_path_factory):
+    """A folder with Ada's walk, which went on after a kill, and Bob's on its seed."""
+    folder = tmp_path_factory.mktemp("walks")
+    with programs_in(folder) as program:
+        server, ada, begun = killed_after_a_move(program)
+        running = program(goal=3, options={"port": server.port})
+        running.opened()
+        first = play_out(server, ada, begun, RIGHT)[-1]
+        bob = visitor(server, "Bob")
+        taken_up = begin(server, bob, player="human", challenges=first["episode"])
+        play_out(server, bob, taken_up, ("left", *RIGHT * 4))
+        running.interrupt()
+        running.ended()
+    return folder
+
+
 @pytest.fixture
-def two_on_a_seed(program, tmp_path):
-    """A walk of Ada's that went on after a kill, and Bob's other one on its seed."""
-    server, ada, begun = killed_after_a_move(program)
-    running = program(goal=3, options={"port": server.port})
-    running.opened()
-    first = play_out(server, ada, begun, RIGHT)[-1]
-    bob = visitor(server, "Bob")
-    taken_up = begin(server, bob, player="human", challenges=first["episode"])
-    play_out(server, bob, taken_up, ("left", *RIGHT * 4))
-    running.interrupt()
-    running.ended()
+def two_on_a_seed(walks_on_a_seed, tmp_path):
+    """A copy of both walks, in the test's folder."""
+    shutil.copytree(walks_on_a_seed, tmp_path, dirs_exist_ok=True)
     assert len(recorded(tmp_path)) == 3
     return tmp_path
 
 
 def test_it_is_played_in_the_calling_thread_until_ctrl_c(program, tmp_path):
-    running = program(then="print(score(plays)); print(plays)")
+    running = program(then="print(score(plays)); print(plays)", is_fresh=True)
     server = running.opened()
     client = visitor(server)
     frames = play_out(server, client, begin(server, client, player="human"), RIGHT)
@@ -227,8 +246,9 @@ def test_an_erasure_that_is_killed_keeps_all_recordings_or_is_ended_by_the_next(
     forget = ("forget", "Ada", "--player", "--yes", "--database", two_on_a_seed / "plays.db")
     reader = sqlite3.connect(two_on_a_seed / "plays.db")  # while it is open the log stays
     reader.execute("SELECT count(*) FROM meta").fetchone()
-    script = KILLED.format(name=killed_in)
-    killed = subprocess.run([sys.executable, "-c", script, *map(str, forget)], check=False)
+    (two_on_a_seed / "killed.py").write_text(KILLED.format(name=killed_in))
+    killed = Program(two_on_a_seed, "killed.py", *forget)
+    killed.printed()
     assert killed.returncode == 9
     assert ask(two_on_a_seed / "plays.db", "SELECT count(*) FROM episodes") == [(left,)]
     assert len(recorded(two_on_a_seed)) == (1 if killed_in == "_write_anew" else 3)

@@ -7,11 +7,10 @@ import json
 import os
 import random
 import signal
-import sqlite3
 import subprocess
 import sys
 import threading
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from urllib.parse import urlsplit
 
 import httpx
@@ -19,6 +18,7 @@ import pytest
 
 from humanplay.study.verification import verify_database
 from tests.support.command_server import command_server
+from tests.support.recorded import ask
 from tests.support.servers import PATIENCE_S
 
 KILLS = 40
@@ -60,11 +60,11 @@ def served(folder):
 class Visitor:
     """A browser that plays one episode after another, over any number of servers.
 
-    told  episode -> its moves, as far as an answer said so
+    acknowledged  episode -> its moves, as far as an answer said so
     """
 
     def __init__(self, dice):
-        self.dice, self.cookies, self.session, self.told = dice, {}, None, {}
+        self.dice, self.cookies, self.session, self.acknowledged = dice, {}, None, {}
 
     def play(self, link, moves, end):
         """Play until nobody answers any more; `end` is called after so many moves."""
@@ -80,7 +80,7 @@ class Visitor:
             self.cookies = dict(client.cookies)
             frame = client.get(f"/api/sessions/{self.session}").raise_for_status().json()
             episode = frame["episode"]
-            assert frame["step"] >= self.told.get(episode, 0), "what was told is still there"
+            assert frame["step"] >= self.acknowledged.get(episode, 0)
             while True:
                 if frame["outcome"]:
                     frame = self.begin(client)
@@ -88,7 +88,7 @@ class Visitor:
                 move = {"episode": frame["episode"], "step": frame["step"], "action": action}
                 client.post(f"/api/sessions/{self.session}/act", json=move).raise_for_status()
                 frame = client.get(f"/api/sessions/{self.session}").raise_for_status().json()
-                self.told[frame["episode"]] = frame["step"]
+                self.acknowledged[frame["episode"]] = frame["step"]
                 moves -= 1
                 if moves == 0:
                     end()
@@ -118,9 +118,9 @@ def test_kills_lose_nothing_that_a_page_was_told(tmp_path, start):
             with suppress(httpx.TransportError):
                 visitor.play(link, dice.randint(1, MOST_MOVES), death.start)
             death.join()
-    with closing(sqlite3.connect(tmp_path / "plays.db")) as conn:
-        stored = dict(conn.execute("SELECT episode_id, count(*) FROM steps GROUP BY episode_id"))
-    lost = {episode: steps for episode, steps in visitor.told.items() if stored[episode] < steps}
+    path, acknowledged = tmp_path / "plays.db", visitor.acknowledged
+    stored = dict(ask(path, "SELECT episode_id, count(*) FROM steps GROUP BY episode_id"))
+    lost = {episode: steps for episode, steps in acknowledged.items() if stored[episode] < steps}
     assert lost == {}
-    assert sum(visitor.told.values()) > KILLS, "it has played at all"
-    assert verify_database(tmp_path / "plays.db").findings == ()
+    assert sum(acknowledged.values()) > KILLS, "it has played at all"
+    assert verify_database(path).findings == ()

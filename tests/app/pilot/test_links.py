@@ -3,13 +3,18 @@
 import sys
 import threading
 import webbrowser
+from contextlib import closing
 from types import ModuleType, SimpleNamespace
 
+import httpx
 import pytest
 
 from humanplay import play
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.links import show
+from tests.support.browser import free_port
+from tests.support.command import command
+from tests.support.own_environment import Line
 from tests.support.servers import PATIENCE_S
 
 LOCAL, SHARED, PUBLIC = "http://127.0.0.1:8123", "http://0.0.0.0:8123", "https://play.example"
@@ -36,6 +41,14 @@ def cells(monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython", shell)
     monkeypatch.setitem(sys.modules, "IPython.display", display)
     return shown
+
+
+@pytest.fixture
+def in_hub(monkeypatch, tmp_path, opened):
+    """A notebook's server of a hub, which passes requests on to ports."""
+    (tmp_path / "jupyter_server_proxy.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("JUPYTERHUB_SERVICE_PREFIX", "/user/ann/")
 
 
 def show_all(address, **options):
@@ -105,6 +118,44 @@ def test_a_notebook_shows_one_link(
     assert (FORWARDING in printed) == (is_remote and link == LOCAL)
     assert ("window.open" in cell) == (FORWARDING not in printed)
     assert opened == []
+
+
+@pytest.mark.usefixtures("in_hub", "cells")
+def test_in_a_notebook_of_a_hub_the_page_answers_for_the_hubs_name(tmp_path):
+    with closing(play(Line, database=tmp_path / "plays.db")) as plays:
+        hub, strange = {"Host": "hub.example"}, {"Host": "hub example"}
+        page = httpx.get(plays.link, headers=hub, trust_env=False)
+        board, sessions = {"player": "human"}, f"{plays.link}api/sessions"
+        origins = [
+            httpx.post(sessions, json=board, headers={**hub, "Origin": origin}, trust_env=False)
+            for origin in ("http://hub.example", "http://other.example")
+        ]
+        refused = httpx.get(plays.link, headers=strange, trust_env=False)
+    assert [page.status_code, refused.status_code] == [200, 400]
+    assert [answer.status_code for answer in origins] == [201, 403]
+
+
+@pytest.mark.parametrize("options", [{"host": "0.0.0.0"}, {"public_url": "http://ours.example"}])
+@pytest.mark.usefixtures("in_hub")
+def test_a_page_that_has_names_answers_for_no_other(tmp_path, options):
+    port = free_port()
+    arguments = {"database": tmp_path / "plays.db", "port": port, "wait": False, "browser": False}
+    with closing(play(Line, **arguments, **options)):
+        foreign = {"Host": "hub.example"}
+        page = httpx.get(f"http://127.0.0.1:{port}/", headers=foreign, trust_env=False)
+    assert page.status_code == 400
+
+
+@pytest.mark.parametrize(
+    "options", [(), ("--host", "0.0.0.0"), ("--public-url", "https://play.example")]
+)
+def test_a_server_does_not_answer_for_every_name(monkeypatch, tmp_path, capsys, options):
+    monkeypatch.setenv("HUMANPLAY_ANY_HOST", "true")
+    if options:
+        monkeypatch.setenv("HUMANPLAY_CONFINED", "false")
+    code, _, error = command(capsys, "serve", "--database", tmp_path / "plays.db", *options)
+    assert code == 2
+    assert "HUMANPLAY_ANY_HOST: expected false" in error
 
 
 def test_colab_is_refused_with_the_way_out(monkeypatch):

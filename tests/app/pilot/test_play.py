@@ -16,6 +16,7 @@ import httpx
 import pytest
 
 from humanplay import play
+from humanplay.cli.pilot import running
 from humanplay.cli.pilot.environments import task_of
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.web.simulate import Clock
@@ -23,9 +24,12 @@ from tests.app.tasks.test_gymnasium import begin
 from tests.app.tasks.test_gymnasium import play as play_out
 from tests.app.tasks.test_processes import HIDING
 from tests.support.command import command
+from tests.support.forked_server import Program
 from tests.support.own_environment import Line, make_line
 from tests.support.servers import RunningServer
 
+START_PROCESS = running.start_process
+"""Starts the server of a page in an interpreter of its own."""
 SCRIPT = """
     import json, sys
     import httpx
@@ -40,13 +44,20 @@ SCRIPT = """
     board = httpx.Client(base_url=plays.link, headers={{"Origin": plays.link.rstrip("/")}})
     board.put("/api/me/name", json={{"name": "Ada"}}).raise_for_status()
     begun = board.post("/api/sessions", json={{"player": "human"}}).json()
-    print(json.dumps({{"task": plays.task, "actions": begun["task"]["actions"]}}))
+    frame, path = begun["frame"], f"/api/sessions/{{begun['session']}}"
+    while frame["outcome"] is None:
+        move = {{"episode": frame["episode"], "step": frame["step"]}}
+        board.post(f"{{path}}/act", json=move | {{"action": begun["task"]["actions"][1]}})
+        frame = board.get(path).json()
+    plays.close()
+    findings = plays.verify()
+    print(json.dumps({{"task": plays.task, "actions": begun["task"]["actions"], "findings": findings}}))
 """
 
 
 @pytest.fixture
 def opened(tmp_path):
-    """`opened(env, ...)` calls `play` in the test's own folder and closes its page afterwards."""
+    """`opened(env, ...)` calls `play` in the test folder; its page closes at the end."""
     pages = []
 
     def call(env, **options):
@@ -87,30 +98,35 @@ def test_what_has_a_name_is_recorded_by_it(opened, browser_of, env, task):
 
 
 @pytest.mark.parametrize(
-    "what",
+    "played",
     [
         "MyEnv",
         '"mine:MyEnv"',
         '"mine.py"',
         "lambda: MyEnv('rgb_array')",
-        "Mine(gym.make('FrozenLake-v1'))",
+        "Mine(gym.make('FrozenLake-v1', is_slippery=False))",
     ],
 )
-def test_a_script_plays_what_lies_beside_it(tmp_path, what):
+def test_a_script_plays_what_lies_beside_it(tmp_path, played):
     source = Path(make_line.__code__.co_filename).read_text()
     (tmp_path / "mine.py").write_text(source.replace("class Line", "class MyEnv"))
     script = tmp_path / "script.py"
-    script.write_text(textwrap.dedent(SCRIPT.format(what=what)))
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
-    answer = json.loads(done.stdout.splitlines()[-1])
-    assert answer["actions"] == (["left", "down", "right", "up"] if "Lake" in what else ["0", "1"])
-    is_held = "mine" not in what and what != "MyEnv"
+    script.write_text(textwrap.dedent(SCRIPT.format(what=played)))
+    program = Program(tmp_path, script)
+    printed = program.printed()
+    assert program.returncode == 0, printed
+    answer = json.loads(printed.splitlines()[-1])
+    assert answer["actions"] == (
+        ["left", "down", "right", "up"] if "Lake" in played else ["0", "1"]
+    )
+    assert answer["findings"] == []
+    is_held = "mine" not in played and played != "MyEnv"
     assert ("held:" if is_held else "gymnasium:mine:MyEnv") in answer["task"]
     assert (tmp_path / "plays.db").is_file()
 
 
 def test_a_system_without_the_calls_of_linux_plays(opened, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(running, "start_process", START_PROCESS)
     (tmp_path / "sitecustomize.py").write_text(HIDING + "print('hidden', file=sys.stderr)")
     monkeypatch.syspath_prepend(tmp_path)
     plays = opened("FrozenLake-v1")
@@ -223,7 +239,18 @@ class Vector(gymnasium.vector.VectorEnv):
 @pytest.mark.parametrize(
     ("env", "text"),
     [
-        pytest.param(Vector(), "steps many environments at once", id="vector"),
+        pytest.param(Vector(), "Vector cannot be played: it steps many environments", id="vector"),
+        pytest.param(Vector, "Vector cannot be played: it steps many environments", id="a class"),
+        pytest.param(
+            lambda: Vector(),
+            "Vector cannot be played: it steps many environments",
+            id="it makes one",
+        ),
+        pytest.param(
+            f"{__name__}:Vector",
+            "Vector cannot be played: it steps many environments",
+            id="its name",
+        ),
         pytest.param(object(), "expected an environment of Gymnasium", id="object"),
         pytest.param("no-such-file.py", "cannot read no-such-file.py", id="no file"),
         pytest.param("Nothing-v0", "Gymnasium knows no environment", id="no id"),

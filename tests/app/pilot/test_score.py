@@ -1,4 +1,4 @@
-"""The call `score`: people, random actions and policies on the instances that people played."""
+"""The call `score`: people beside policies on the instances that people played."""
 
 import json
 
@@ -13,6 +13,8 @@ from tests.support.recorded import ask
 
 LAKE = "gymnasium:FrozenLake-v1"
 POLE = "gymnasium:CartPole-v1"
+WALLED = "gymnasium:tests.support.four_ways:Walled"
+LEVERS = "gymnasium:tests.support.four_ways:Levers"
 STRAIGHT = ("down", "down", "right", "right", "down", "right")
 
 
@@ -101,6 +103,38 @@ def test_people_who_are_surely_worse_than_random_have_no_normalized_score(serve,
     assert shown.people.interval[1] < random.mean
     assert (mine.normalized, mine.normalized_interval) == (None, None)
     assert "human-normalized" not in shown.headline
+
+
+def pull(server, *levers):
+    """Let as many people make the first move of an episode."""
+    for lever in levers:
+        client = server.page()
+        begun = begin(server, client, player="human")
+        with server.socket(begun["session"], client) as socket:
+            socket.act(socket.receive("frame"), lever, input="touch")
+            while socket.receive("frame")["outcome"] is None:
+                pass
+
+
+def test_an_environment_that_fails_at_the_first_move_is_named_beside_the_score(serve, database):
+    server = serve(task=LEVERS)
+    pull(server, *"01")
+    server.stop()
+    shown = score(database)
+    assert shown.count == 1
+    text = "not counted: 1 episode in which the environment failed at the first move"
+    assert text in str(shown)
+
+
+def test_random_actions_that_break_the_environment_hide_nobody(serve, database):
+    server = serve(task=LEVERS)
+    pull(server, *"0000")
+    server.stop()
+    shown = score(database, {"mine": lambda observation: 0})
+    assert (shown.people.mean, shown.count) == (1, 4)
+    assert [line.name for line in shown.policies] == ["mine"]
+    assert "random actions are left out: the episode of 'random' on seed" in str(shown)
+    assert "the lever is broken" in str(shown)
 
 
 def test_no_policy_takes_the_place_of_random_actions(serve, database):
@@ -201,6 +235,31 @@ def test_a_policy_that_cannot_play_is_refused(serve, database, policy, text):
     played(serve(task=LAKE), 1)
     with pytest.raises(PilotError, match=text):
         score(database, {"mine": policy})
+
+
+def test_a_policy_that_ends_at_what_is_not_allowed_is_advised_to_take_masks(serve, database):
+    server = serve(task=WALLED)
+    client = server.page()
+    begun = begin(server, client, player="human")
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            is_open = "0" in (frame["allowed"] or "0")
+            socket.act(frame, "0" if is_open else "2", input="touch")
+            frame = socket.frame_after(frame["step"])
+    server.stop()
+    with pytest.raises(PilotError, match=r"there is a wall.*'3' was not allowed .*`action_masks`"):
+        score(database, {"up": lambda observation: 3})
+
+    class Masked:
+        def predict(self, observation, action_mask):
+            return 2 * (not action_mask[0]), None
+
+    def mine(observation, action_masks):
+        return 2 * (not action_masks[0])
+
+    shown = score(database, {"mine": mine, "model": Masked()})
+    assert [line.mean for line in shown.policies[1:]] == [1.0, 1.0]
 
 
 @pytest.mark.parametrize(

@@ -507,8 +507,8 @@ def test_what_is_prepared_before_the_end_says_the_same_and_is_made_again_where_s
         store_rows(store, episode_id, [], episode.events[-2:])
         ending = prepare_end(store, episode_id, CONDITIONS, episode.moves[-1])
         store_rows(store, episode_id, episode.moves[-1:], [])
-        assert prepare_end(store, episode_id, None, None).attested is None
-        assert (early.attested.level, ending.attested.level) == ("spoilt", "attested")
+        assert prepare_end(store, episode_id, None, None).attestation is None
+        assert (early.attestation.level, ending.attestation.level) == ("spoilt", "attested")
         for prepared in (ending, early, None):
             assert attest_stored(store, episode_id, CONDITIONS, prepared).level == "attested"
             assert attest_stored(store, episode_id, elsewhere, prepared).level == "unattested"

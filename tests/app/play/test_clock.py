@@ -102,7 +102,7 @@ def levels(tmp_path):
 
 
 def play(server, ticks=20):
-    """Hold a key now and then, leave, and return the client and the last frame."""
+    """Play with two keys held in turn: the client, the board's id and the keyboard."""
     client, board = begin(server)
     with server.socket(board, client) as socket:
         me = Keyboard(socket)
@@ -280,7 +280,17 @@ def test_nothing_but_the_picture_and_the_figures_leaves_the_server(ticking):
         while len(messages) < 4:
             messages.append(json.loads(socket.connection.recv(timeout=10)))
     seen = {key for message in messages for key in message}
-    assert seen <= {"kind", "episode", "headlines", "state", "ms", "reason", "count"}
+    assert seen <= {
+        "kind",
+        "episode",
+        "headlines",
+        "state",
+        "ms",
+        "reason",
+        "count",
+        "ident",
+        "values",
+    }
 
 
 def test_an_episode_is_given_up_while_time_runs(ticking):
@@ -314,7 +324,7 @@ def test_keys_that_could_not_be_kept_let_the_board_stand_still(
             broken.setattr(input_log, "add_input_events", refuse)
             me.send(("keydown", "KeyD"))
             me.until(lambda: me.state == "standing")
-        assert me.reason == session.UNKEPT
+        assert me.reason == session.NOT_STORED
         me.go_on()
         me.pass_ticks(3)
     assert client.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201

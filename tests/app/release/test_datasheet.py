@@ -1,4 +1,4 @@
-"""What a release says of the people in it and of those who are not: counts that are known, and "unknown" for the rest."""
+"""A release's datasheet counts people, and says "unknown" of what nobody knows."""
 
 import json
 import re
@@ -24,11 +24,14 @@ def command(*args):
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A closed study by invitation with somebody at every point where people leave; two releases, one of an import."""
+    """A closed study by invitation with somebody at every point where people leave.
+
+    It has two releases, one of an import.
+    """
     folder = tmp_path_factory.mktemp("people")
     study = freeze(folder / "play.db-studies", close=False, recruitment="invitation")
     invitations = Invitations(Folder(folder / "play.db-studies"))
-    issued = [each.id for each in invitations.issue(study.name, 9)]
+    issued = [invitation.id for invitation in invitations.issue(study.name, 9)]
     invitations.revoke(study.name, issued[-1:])
     recorder = StudyRecorder(folder / "play.db", study)
     people = []
@@ -127,10 +130,10 @@ def test_no_invitation_can_be_found_in_a_release(place):
         sql = "SELECT invitation FROM participants WHERE invitation IS NOT NULL"
         used = {row["invitation"] for row in reader.query(sql)}
     assert len(used) == 6
-    used = {each for each in used if not each.isdigit()}  # digits stand in any table of numbers
+    used = {token for token in used if not token.isdigit()}  # digits stand in any table of numbers
     picture = re.compile(
         rb"base64,[0-9A-Za-z+/=]+"
     )  # four letters of one may stand in it by chance
-    for path in (each for each in (place / "one").rglob("*") if each.is_file()):
+    for path in (token for token in (place / "one").rglob("*") if token.is_file()):
         data = picture.sub(b"", path.read_bytes())
         assert not [ident for ident in used if ident.encode() in data], path

@@ -1,4 +1,4 @@
-"""What a bundle says of itself to machines: its queries, and the keys in its Croissant metadata."""
+"""A bundle for machines: its queries, and the keys in its Croissant metadata."""
 
 import csv
 import json
@@ -21,7 +21,10 @@ from tests.support.stored_studies import CONFIG
 
 
 def queried(out):
-    """{table: rows} of the bundle's own queries.sql on its own database, with SQLite alone but for the names of actions."""
+    """Table -> rows of the bundle's queries.sql on its own database.
+
+    SQLite alone runs them, but for the names of actions.
+    """
     parts = re.split(r"^-- table: (\w+)$", (out / "queries.sql").read_text(), flags=re.M)
     conn = sqlite3.connect(out / "study.sqlite")
     conn.row_factory = sqlite3.Row
@@ -127,10 +130,10 @@ def test_croissants_record_sets_have_keys_and_references(published):
     path, rows_of = published[0] / "out/croissant.json", queried(published[0] / "out")
     content = json.loads(path.read_text())
     assert content["conformsTo"] == "http://mlcommons.org/croissant/1.1"
-    metadata = {piece["@id"]: piece for piece in content["recordSet"]}
+    metadata = {record_set["@id"]: record_set for record_set in content["recordSet"]}
     for table in BUNDLE_TABLES:
         key = metadata[table]["key"]
-        assert [piece["@id"] for piece in (key if isinstance(key, list) else [key])] == [
+        assert [field["@id"] for field in (key if isinstance(key, list) else [key])] == [
             f"{table}/{name}" for name in bundle_table(table)[0].keys
         ]
         for field in metadata[table]["field"]:

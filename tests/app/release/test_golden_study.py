@@ -1,16 +1,19 @@
-"""The golden study: its report holds the figures that it always held, and its bundle all of them."""
+"""The golden study: its report and its bundle hold the figures they always held."""
 
 import json
 import shutil
 
+import matplotlib
 import pytest
 
+from humanplay import ROOT
 from humanplay.study.verification import verify_database
 from tests.support import golden_study
 from tests.support.command import run
 
 ROUNDING = {"rel": 1e-9, "abs": 1e-12}
 """Sums in another order differ in the last bits."""
+NOTEBOOK = ROOT / "examples" / "analysis.ipynb"
 OF_THE_DAY = {"made_at", "software_version"}
 
 
@@ -20,8 +23,8 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("golden")
     shutil.copytree(golden_study.STUDIES, folder / "golden.db-studies")
     golden_study.play(folder / "golden.db")
-    where = ("--database", folder / "golden.db")
-    assert run("release", "--study", "golden", *where, "--out", folder / "bundle") == 0
+    database = ("--database", folder / "golden.db")
+    assert run("release", "--study", "golden", *database, "--out", folder / "bundle") == 0
     return folder
 
 
@@ -42,7 +45,7 @@ def leaves(value, path=()):
 
 
 def differences(expected, derived):
-    """Return what of two reports is not equal: (path, expected, found)."""
+    """What of two reports is not equal: (path, expected, derived)."""
     one, two = dict(leaves(expected)), dict(leaves(derived))
     software = expected["software_version"], derived["software_version"]
     return [
@@ -78,8 +81,8 @@ def test_a_changed_number_a_changed_sentence_and_a_lost_key_are_seen():
 
 
 def test_the_database_and_the_bundle_verify_and_every_figure_is_derived_again(place, capsys):
-    derived = verify_database(place / "golden.db")
-    assert (derived.findings, derived.episodes) == ((), 69)
+    verified = verify_database(place / "golden.db")
+    assert (verified.findings, verified.episodes) == ((), 69)
     assert run("verify", "--dataset", place / "bundle") == 0
     assert run("reproduce", place / "bundle", "--recorded") == 0
     assert ", 0 differ" in capsys.readouterr().out
@@ -95,8 +98,34 @@ def test_a_bundle_is_imported_once_with_every_figure_and_refused_under_other_nam
     for name, options in golden_study.REPORTS.items():
         derived = report(tmp_path / "new.db", tmp_path / name, *options)
         expected = json.loads((golden_study.STUDIES / name).read_text())
-        assert [part for part in differences(expected, derived) if part[0][0] == "groups"] == []
+        paths = [path for path, *_ in differences(expected, derived)]
+        assert [path for path in paths if path[0] == "groups"] == []
     copy = shutil.copy(place / "golden.db", tmp_path / "copy.db")
     assert run("import", place / "bundle", "--database", copy) == 1
     assert "under other names" in capsys.readouterr().err
     assert verify_database(copy).findings == ()
+
+
+def test_the_notebook_reads_the_bundle_and_agrees_with_its_report(place, tmp_path, monkeypatch):
+    matplotlib.use("agg")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dunes-1").symlink_to(place / "bundle")
+    notebook = json.loads(NOTEBOOK.read_text())
+    names = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), cell["id"], "exec"), names)
+    group = json.loads((place / "bundle" / "report.json").read_text())["groups"][0]
+    mean = group["figures"][0]["steps"]["mean"]
+    assert names["of_people"]["mean"] == pytest.approx(mean)
+    assert names["fit"].fe_params["Intercept"] == pytest.approx(mean)
+    assert dict(names["against"]["people need more"]) == pytest.approx(
+        {
+            comparison["policy"]: -comparison["difference"]
+            for comparison in group["comparisons"]
+            if comparison["metric"] == "steps"
+        }
+    )
+    shown = [moves for line in names["axes"].lines[1:] for moves in line.get_xdata()]
+    means = [*names["table"].mean(axis=1), *names["against"]["policy's moves"]]
+    assert sorted(shown) == pytest.approx(sorted(means))

@@ -1,4 +1,8 @@
-"""`release` and `import`: what is in a bundle, that nobody can be found in it, that it comes back as it was, each refusal."""
+"""The commands `release` and `import`.
+
+What is in a bundle, that nobody can be recognised in it, that it comes back unchanged, and each
+refusal.
+"""
 
 import csv
 import hashlib
@@ -312,7 +316,10 @@ def test_a_file_too_many_or_too_few_is_found(copy):
 
 
 def test_a_forged_release_has_another_signer(published, copy):
-    """Whoever changes a field and signs anew is consistent again, but not with the key that was published."""
+    """A changed field that is signed again is consistent, but has another key.
+
+    The key that was published tells the two apart.
+    """
     key = signing.signing_key(copy / "forger.db")
     out = copy / "out"
     (out / PUBLIC_KEY).write_bytes(signing.public_pem(key))

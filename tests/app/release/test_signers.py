@@ -1,4 +1,4 @@
-"""Whose signature a bundle carries: not checked until a key was given or pinned, and wrong when another one was given."""
+"""Whose signature a bundle carries, by the keys that were given or pinned."""
 
 import json
 import shutil

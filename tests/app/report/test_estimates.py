@@ -1,4 +1,4 @@
-"""Two estimates: who finished, and everybody who began. Nobody leaves the second by what they do."""
+"""Two estimates: of people who finished, and of everybody who began."""
 
 import json
 from dataclasses import replace
@@ -26,7 +26,10 @@ STEPS = np.arange(4)[:, None] * 10 + np.full((4, TERRAINS), 20)
 
 
 def with_last(change, keep=lambda number: True, **who):
-    """Return the honest study in which the worst person's trials are changed, and those not kept are gone."""
+    """The honest study with other trials for the worst person.
+
+    Trials of theirs whose numbers `keep` refuses are left out.
+    """
     people, trials = played(HONEST, steps=STEPS)
     worst = people[-1]
     people[-1] = replace(worst, **who)
@@ -150,7 +153,7 @@ def test_people_whose_every_episode_is_flagged_are_a_caution_where_they_move_the
     ("step", "status", "lowest"), [(4, "bot", {}), (5, "partly_bot", {"by_a_bot": 6})]
 )
 def test_whoever_makes_the_first_moves_of_one_episode_is_no_bot(step, status, lowest):
-    """Handing every episode to a program once it goes badly leaves nobody out of the second estimate."""
+    """Handing episodes to a program once they go badly does not leave anybody out."""
     reason = f"step {step}: the move came from no key and no touch"
     spoilt = {"attestation": "spoilt", "driver": "script", "attestation_reason": reason}
     data = with_last(lambda number: spoilt)
@@ -188,7 +191,10 @@ def test_the_erased_move_no_mean_and_both_means_stand_as_they_could_be_with_them
 
 
 def lake(bounds, scores):
-    """Return the study of an environment of negative scores: a person a row, None for an episode given up at -1."""
+    """A study of an environment of negative scores, a person a row.
+
+    None is an episode given up at -1.
+    """
     task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=bounds).told}"
     config = environment_of(task).default
     protocol = default_protocol("lake", config, task, ranked=3, players=len(scores))

@@ -11,8 +11,8 @@ from tests.support.made_studies import played, run, study
 
 def renamed(people, trials, names):
     """Return the same people and trials under other ids."""
-    return [replace(each, id=names[each.id]) for each in people], [
-        replace(each, participant=names[each.participant]) for each in trials
+    return [replace(person, id=names[person.id]) for person in people], [
+        replace(trial, participant=names[trial.participant]) for trial in trials
     ]
 
 
@@ -20,12 +20,12 @@ def test_pseudonyms_move_no_end_of_an_interval():
     scores = np.random.default_rng(5).normal(0.7, 0.1, (8, 6)).clip(0, 1)
     people, trials = played(scores)
     runs = [run("ppo", scores.mean(0) + 0.05), run("random", [0.2] * 6)]
-    own = build(study(people, trials), runs)
+    report = build(study(people, trials), runs)
     for seed in range(3):
         drawn = np.random.default_rng(seed).permutation(8)
-        names = {each.id: f"{number:032x}" for each, number in zip(people, drawn, strict=True)}
+        names = {person.id: f"{number:032x}" for person, number in zip(people, drawn, strict=True)}
         other = build(study(*renamed(people, trials, names)), runs)
-        assert other.groups == own.groups
+        assert other.groups == report.groups
 
 
 def test_the_order_of_players_is_that_of_what_they_played():

@@ -1,4 +1,4 @@
-"""The report from data whose numbers are known: who enters, what is said, and that scripts never look like people."""
+"""The report of data whose figures are known."""
 
 import json
 import re
@@ -81,7 +81,7 @@ def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval():
 def test_completion_is_an_estimate_of_the_same_kind():
     people, trials = played(np.full((6, 6), 0.9))
     failed = (1, 2, 0, 1, 1, 1)
-    by = {episode.id: number for number, episode in enumerate(people)}
+    by = {player.id: number for number, player in enumerate(people)}
     some = [
         replace(episode, outcome="collided")
         if episode.trial < failed[by[episode.participant]]
@@ -254,7 +254,7 @@ def test_deviations_that_the_server_recorded():
 
 
 def test_a_deviation_that_the_server_notes_is_a_sentence(tmp_path):
-    """What a script's move leaves in the database is what the report prints, no raw value in it."""
+    """The report prints a sentence, and no raw value, for a script's move."""
     frozen = freeze(tmp_path / "studies")
     with closing(StudyRecorder(tmp_path / "play.db", frozen)) as recorder:
         participant = recorder.join(0)
@@ -532,7 +532,7 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
         "missing",
     }
     assert {number for number, item in items.items() if item.answer == "Missing"} == {
-        *("0.1", "0.2", "0.3", "0.4"), "0.7", "1.8"
+        *("0.1", "0.2", "0.3", "0.4"), "1.8"
     }  # fmt: skip
     assert items["2.3.2"].answer == "0 of 3", "nobody was turned away before they agreed"
     declared = {item.detail for item in items.values() if item.answer == "Declared"}
@@ -587,6 +587,14 @@ def test_what_is_known_of_terrains_told_to_others_is_said_without_a_verdict(data
         "Everybody met the same ranked instance; "
         in {i.number: i for i in one.checklist}["2.5"].detail
     )
+
+
+def test_the_checklist_says_what_is_true_of_arms_too():
+    arms = [{"name": "plain"}, {"name": "hinted", "hint": "Walls first"}]
+    for protocol in ({}, {"arms": arms}):
+        items = {item.number: item for item in build(study(**protocol)).checklist}
+        language = items["0.7"].answer, items["0.7"].detail
+        assert language == ("en", "Everybody reads the study in this language.")
 
 
 def test_human_time_is_that_of_successes_without_nights():

@@ -1,4 +1,4 @@
-"""Comparisons of policies with people: one test over players and terrains, its intervals, and Holm's adjustment."""
+"""Policies against people: one test, its intervals, and Holm's adjustment."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ import scipy
 from humanplay.report.statistics.comparisons import (
     compare_policy,
     holm,
+    policy_differs,
     policy_p,
     quotient_interval,
 )
@@ -44,7 +45,7 @@ def test_a_comparison_is_paired_by_terrain_and_its_intervals_follow_the_peoples(
 
 
 def drawn(seed, players=8, terrains=12, shift=0.04):
-    """A table of people who differ, as do the terrains, and a policy's values on these terrains."""
+    """A table of people on terrains, both of which differ, and a policy's values."""
     rng = np.random.default_rng(seed)
     terrain = rng.normal(0, 0.05, terrains)
     table = (
@@ -94,6 +95,7 @@ def test_the_test_knows_which_players_were_drawn():
 def test_fewer_than_five_players_have_neither_intervals_nor_p():
     four, five = drawn(1, players=4), drawn(1, players=5)
     assert np.isnan(policy_p(four[0], None, four[1]))
+    assert not policy_differs(four[0], None, four[1])
     assert (compared(*four).interval, compared(*four).ratio_interval) == (None, None)
     assert 0 < policy_p(five[0], None, five[1]) < 1
 
@@ -105,6 +107,9 @@ def test_a_difference_is_claimed_only_where_finishers_and_everybody_who_began_bo
     assert finished < 0.005 < everybody
     assert policy_p(table, left, values) == everybody
     assert policy_p(left, table, values) == everybody
+    assert policy_differs(table, None, values)
+    assert not policy_differs(table, left, values)
+    assert not policy_differs(left, table, values)
 
 
 def test_estimates_that_differ_to_opposite_sides_claim_nothing():
@@ -113,12 +118,16 @@ def test_estimates_that_differ_to_opposite_sides_claim_nothing():
     assert policy_p(table, None, values) < 0.05
     assert policy_p(left, None, values) < 0.05
     assert policy_p(table, left, values) == 1.0
+    assert policy_differs(table, None, values)
+    assert not policy_differs(table, left, values)
 
 
 def test_studies_are_tested_together_as_they_are_one_by_one():
     tables, values = (np.stack(arrays) for arrays in zip(*map(drawn, range(4)), strict=True))
     for drawn_too in (True, False):
         together = policy_p(tables, tables, values, 0.0, drawn_too)
+        differs = policy_differs(tables, tables, values, 0.0, drawn_too)
+        assert (differs == (together < 0.05)).all()
         alone = [float(policy_p(tables[i], None, values[i], 0.0, drawn_too)) for i in range(4)]
         assert together == pytest.approx(alone)
 

@@ -1,4 +1,4 @@
-"""Variance components of participants and terrains: textbook mean squares and gaps."""
+"""Variance components of participants and terrains, by textbooks and with gaps."""
 
 import numpy as np
 import pytest
@@ -29,10 +29,10 @@ def test_without_gaps_the_components_are_the_textbooks_mean_squares():
     # Shrout and Fleiss 1979, table 3: between targets 11.24, between judges 32.49, residual 1.02
     of_players, of_terrains, rest = mean_squares(SHROUT_FLEISS)
     assert (of_players, of_terrains, rest) == pytest.approx((11.24, 32.49, 1.02), abs=5e-3)
-    found = crossed_components(SHROUT_FLEISS)
-    assert found.player == pytest.approx((of_players - rest) / 4)
-    assert found.terrain == pytest.approx((of_terrains - rest) / 6)
-    assert found.rest == pytest.approx(rest)
+    components = crossed_components(SHROUT_FLEISS)
+    assert components.player == pytest.approx((of_players - rest) / 4)
+    assert components.terrain == pytest.approx((of_terrains - rest) / 6)
+    assert components.rest == pytest.approx(rest)
 
 
 def test_gaps_leave_the_components_unbiased():
@@ -43,10 +43,10 @@ def test_gaps_leave_the_components_unbiased():
         + rng.normal(0, 1.5, (3000, 8, 10))
     )
     tables[:, rng.random((8, 10)) < 0.3] = NAN
-    found = crossed_components(tables)
-    assert found.player.mean() == pytest.approx(1, abs=0.05)
-    assert found.terrain.mean() == pytest.approx(0.49, abs=0.04)
-    assert found.rest.mean() == pytest.approx(2.25, abs=0.05)
+    components = crossed_components(tables)
+    assert components.player.mean() == pytest.approx(1, abs=0.05)
+    assert components.terrain.mean() == pytest.approx(0.49, abs=0.04)
+    assert components.rest.mean() == pytest.approx(2.25, abs=0.05)
 
 
 @pytest.mark.parametrize(

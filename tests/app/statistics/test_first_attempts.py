@@ -21,15 +21,15 @@ def test_the_upper_median_and_the_second_best_are_of_those_who_completed_the_ter
     scores[4, 2] = NAN  # left before the last terrain
     people, trials = played(scores, steps=moves)
     lost = {(people[3].id, 0): "abandoned", (people[0].id, 1): "spoilt"}
-    lost |= {(each.id, 2): "collided" for each in people[1:]}
+    lost |= {(person.id, 2): "collided" for person in people[1:]}
     changed = []
-    for each in trials:
-        how = lost.get((each.participant, each.terrain_index))
+    for trial in trials:
+        how = lost.get((trial.participant, trial.terrain_index))
         rest = {"attestation": "spoilt"} if how == "spoilt" else {"outcome": how} if how else {}
-        changed.append(replace(each, **rest))
+        changed.append(replace(trial, **rest))
     data = study(people, changed, ranked=3, required_attestation="attested")
-    found = first_attempts(people_of(data))
-    first, second, third = found.terrains
+    attempts = first_attempts(people_of(data))
+    first, second, third = attempts.terrains
     assert (first.played, first.completed) == (5, 4)  # 20, 25, 30, 40
     assert (first.upper_median, first.second_best) == (30, 25)
     assert (second.played, second.completed) == (5, 4)  # 50, 52, 57, 61
@@ -41,10 +41,10 @@ def test_the_upper_median_and_the_second_best_are_of_those_who_completed_the_ter
         None,
         None,
     )
-    assert found.counted == 2
-    assert (found.upper_median.mean, found.second_best.mean) == (43.5, 38.5)
+    assert attempts.counted == 2
+    assert (attempts.upper_median.mean, attempts.second_best.mean) == (43.5, 38.5)
     half = scipy.stats.t.ppf(0.975, 1) * np.std([30, 57], ddof=1) / 2**0.5
-    assert found.upper_median.interval == pytest.approx((43.5 - half, 43.5 + half))
+    assert attempts.upper_median.interval == pytest.approx((43.5 - half, 43.5 + half))
     page = render(build(data))
     assert "First attempts, as ARC-AGI-3 counts them" in page
     assert "mean of 2" in page

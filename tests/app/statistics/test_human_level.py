@@ -1,4 +1,4 @@
-"""The volunteers' figure: players are the unit, one figure a configuration, nothing where nobody has played."""
+"""The volunteers' figure: one a configuration, with players as the unit."""
 
 import itertools
 import math
@@ -81,7 +81,8 @@ def test_the_mean_is_that_of_players_with_enough_episodes_each_of_whom_weighs_th
             [math.fsum(scores) / len(scores) for scores in by_player.values() if len(scores) >= 5]
         )
         bounds, worst = (
-            scores(environment_of("mars"), SMALL, name) for scores in (metric_bounds, worst_value)
+            of_metric(environment_of("mars"), SMALL, name)
+            for of_metric in (metric_bounds, worst_value)
         )
         whole = estimate(means[:, None], bounds, worst, terrains_drawn=False)
         assert tuple(figure[name].values()) == pytest.approx((whole.mean, *whole.interval))
@@ -106,7 +107,7 @@ def computed(monkeypatch):
         module,
         "_figure",
         lambda task, config, players: (
-            counts.append(sum(each.episodes for each in players)) or make(task, config, players)
+            counts.append(sum(player.episodes for player in players)) or make(task, config, players)
         ),
     )
     return counts

@@ -8,7 +8,12 @@ import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from humanplay.report.statistics.intervals import estimate, interval, p_value
+from humanplay.report.statistics.intervals import (
+    differs_from_zero,
+    estimate,
+    interval,
+    p_value,
+)
 from marsexplorer.intervals import FEWEST
 
 NAN = float("nan")
@@ -17,7 +22,10 @@ LOW, HIGH = 0.0, 400.0
 
 @st.composite
 def tables(draw, gaps=True):
-    """Draw a table of steps (a higher one is worse), with kinds of participants and failures."""
+    """Draw a table of steps, with kinds of participants and failures.
+
+    More steps are worse.
+    """
     participants, terrains = draw(st.integers(FEWEST, 12)), draw(st.integers(FEWEST, 40))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     spreads = [draw(st.sampled_from([0.0, 0.5, 20.0])) for _ in range(3)]
@@ -34,9 +42,9 @@ def tables(draw, gaps=True):
 
 
 def with_a_worse_episode(table, place, share):
-    """Return the table with one episode nearer to the worst value by a share of the way."""
-    known = np.argwhere(~np.isnan(table))
-    row, column = known[place % len(known)]
+    """The table with one episode moved towards the worst value by a share of the way."""
+    cells = np.argwhere(~np.isnan(table))
+    row, column = cells[place % len(cells)]
     worse = table.copy()
     worse[row, column] += share * (HIGH - table[row, column])
     return worse, row
@@ -65,9 +73,9 @@ def test_one_episode_moves_an_end_by_no_more_than_its_participants_mean(table, p
 @settings(max_examples=100, deadline=None)
 @given(tables(), st.integers(0, 10**6), st.floats(0.001, 1), st.floats(20, 300))
 def test_a_worse_episode_speaks_for_the_policy(table, place, share, policy):
-    """Of policy minus people: p falls where the policy is ahead, and rises where it is behind."""
+    """Of policy minus people, p falls where the policy is ahead and rises elsewhere."""
     worse, _ = with_a_worse_episode(table, place, share)
-    before, after = (p_value(policy - each, policy - HIGH) for each in (table, worse))
+    before, after = (p_value(policy - scores, policy - HIGH) for scores in (table, worse))
     if policy < np.nanmean(table, 1).mean():
         assert after <= before + 1e-6
     elif policy > np.nanmean(worse, 1).mean():
@@ -95,6 +103,7 @@ def test_p_is_below_5_percent_exactly_where_the_interval_leaves_0_out(terrains_d
     outside = (low > 0) | (high < 0)
     assert 0.01 < outside.mean() < 0.95
     assert ((p_value(drawn, -3.0, terrains_drawn) < 0.05) == outside).all()
+    assert (differs_from_zero(drawn, -3.0, terrains_drawn) == outside).all()
 
 
 def test_studies_are_worked_on_together_as_one_by_one_whoever_is_missing():
@@ -116,7 +125,7 @@ def test_studies_are_worked_on_together_as_one_by_one_whoever_is_missing():
 
 
 def lowest_of(values, radius):
-    """Return the lowest mean within a radius, by bisection over the gap below the least value."""
+    """The lowest mean within a radius, by bisection of the gap below the least value."""
     near, far = -40.0, 40.0
     if radius == math.inf:
         return float(values.min())
@@ -172,8 +181,8 @@ def test_an_independent_computation_finds_the_same_interval_and_p():
 def test_on_normal_scores_the_interval_is_students():
     scores = scipy.stats.norm.ppf((np.arange(1, 13) - 3 / 8) / 12.25)
     half = scipy.stats.t.isf(0.025, 11) / math.sqrt(12)
-    found = interval(scores[:, None], None, terrains_drawn=False)
-    assert found == pytest.approx((-half, half))
+    ends = interval(scores[:, None], None, terrains_drawn=False)
+    assert ends == pytest.approx((-half, half))
 
 
 def test_one_failure_moves_the_ends_by_no_more_than_it_moves_the_mean_and_leaves_p():
@@ -202,6 +211,6 @@ def test_fewer_than_five_participants_give_neither_interval_nor_p():
 
 def test_an_estimate_is_cut_off_at_the_bounds():
     table = np.array([[0.9, 1.0], [1.0, 1.0], [0.8, 0.9], [1.0, 1.0], [1.0, 0.9]])
-    found = estimate(table, (0.0, 1.0), 0.0, terrains_drawn=False)
-    assert found.mean == pytest.approx(table.mean())
-    assert found.interval[1] <= 1.0
+    estimated = estimate(table, (0.0, 1.0), 0.0, terrains_drawn=False)
+    assert estimated.mean == pytest.approx(table.mean())
+    assert estimated.interval[1] <= 1.0

@@ -1,4 +1,4 @@
-"""Learning over the ranked trials: slopes, changes and the equivalence test, against literal twins and scipy."""
+"""Learning over the ranked trials, against literal twins and scipy."""
 
 import numpy as np
 import pytest
@@ -13,15 +13,15 @@ NAN = float("nan")
 def test_slopes_and_changes_over_trials():
     rng = np.random.default_rng(6)
     table = 100 - 0.3 * np.arange(12) + rng.normal(0, 1, (9, 12))
-    found = assess_learning("steps", table, 5.0)
+    learning = assess_learning("steps", table, 5.0)
     slopes = [np.polyfit(np.arange(12), row, 1)[0] for row in table]
-    assert found.slope == pytest.approx(np.mean(slopes))
-    assert found.slope_interval == pytest.approx(t_interval(np.array(slopes)))
+    assert learning.slope == pytest.approx(np.mean(slopes))
+    assert learning.slope_interval == pytest.approx(t_interval(np.array(slopes)))
     changes = table[:, -4:].mean(1) - table[:, :4].mean(1)
-    assert found.change == pytest.approx(changes.mean())
-    assert found.change_interval == pytest.approx(t_interval(changes))
-    assert found.verdict == "changed, within the margin"
-    assert found.by_trial[3][:2] == (9, pytest.approx(table[:, 3].mean()))
+    assert learning.change == pytest.approx(changes.mean())
+    assert learning.change_interval == pytest.approx(t_interval(changes))
+    assert learning.verdict == "changed, within the margin"
+    assert learning.by_trial[3][:2] == (9, pytest.approx(table[:, 3].mean()))
 
 
 def test_the_equivalence_test_is_two_one_sided_t_tests():
@@ -54,9 +54,9 @@ def test_verdicts_on_learning(shift, noise, margin, verdict):
 
 def test_without_a_margin_that_the_protocol_names_learning_has_slope_and_interval_alone():
     table = 100 + np.random.default_rng(8).normal(0, 1, (10, 9))
-    found = assess_learning("steps", table, None)
-    assert (found.equivalence, found.p_equivalence) == (None, None)
-    assert found.slope_interval[0] < found.slope < found.slope_interval[1]
+    learning = assess_learning("steps", table, None)
+    assert (learning.equivalence, learning.p_equivalence) == (None, None)
+    assert learning.slope_interval[0] < learning.slope < learning.slope_interval[1]
 
 
 def test_learning_of_one_player_or_of_gaps_is_untested_not_an_error():
@@ -68,6 +68,6 @@ def test_learning_of_one_player_or_of_gaps_is_untested_not_an_error():
             [2.0, 2.0, 2.0, 2.0, 2.0, 2.0],
         ]
     )
-    found = assess_learning("steps", gaps, 5.0)
-    assert [row[0] for row in found.by_trial] == [3, 2, 2, 2, 2, 2]
-    assert found.change == pytest.approx(np.mean([1.0, 0.0]))
+    learning = assess_learning("steps", gaps, 5.0)
+    assert [row[0] for row in learning.by_trial] == [3, 2, 2, 2, 2, 2]
+    assert learning.change == pytest.approx(np.mean([1.0, 0.0]))

@@ -21,24 +21,24 @@ def test_a_ranked_episode_that_does_not_count_is_ranked_all_the_same(store):
     chosen = play(store, 2, "ada", explore=True, config=CONFIG, seed_chosen=True)
     with closing(Reader.open(store.path, public=True)) as reader:
         shown = {row.id: describe_own(row) for row in reader.played_by("ada")}
-    own = [shown[row.id] for row in (attested, again, chosen)]
-    assert [(episode["kind"], episode["counts"]) for episode in own] == [
+    episodes = [shown[row.id] for row in (attested, again, chosen)]
+    assert [(episode["kind"], episode["counts"]) for episode in episodes] == [
         ("ranked", True), ("ranked", False), ("practice", False)
     ]  # fmt: skip
-    assert [episode["met_before"] for episode in own] == [False, True, False]
+    assert [episode["met_before"] for episode in episodes] == [False, True, False]
 
 
 def read(store, player, limit, after):
-    """Return a page of a player's episodes, and how many rows were made for it and the bests."""
-    made, of = [], Trial.of
+    """A page of a player's episodes, and how many rows were read for it and the bests."""
+    trials, of = [], Trial.of
     with (
         closing(Reader.open(store.path, public=True)) as reader,
         pytest.MonkeyPatch.context() as patch,
     ):
-        patch.setattr(Trial, "of", lambda row: made.append(row) or of(row))
+        patch.setattr(Trial, "of", lambda row: trials.append(row) or of(row))
         page = reader.played_by(player, limit, after)
         personal_bests(reader, player)
-    return page, len(made)
+    return page, len(trials)
 
 
 def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is_among_peoples_means(
@@ -66,8 +66,8 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
         if row.driver == "human" and not row.seed_chosen and row.outcome == "explored"
     ]
     assert (best["episodes"], best["successes"], best["best"]["moves"]) == (9, 8, min(fresh))
-    own = [row.steps for row in rows if row.id in counted]
-    assert (best["people"]["ranked"], best["people"]["you"]) == (5, round(sum(own) / 5, 1))
+    steps = [row.steps for row in rows if row.id in counted]
+    assert (best["people"]["ranked"], best["people"]["you"]) == (5, round(sum(steps) / 5, 1))
     # bob has four, which make no mean
     assert (bobs["people"]["you"], bobs["people"]["ranked"], bobs["people"]["missing"]) == (
         None,
@@ -76,8 +76,8 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
     )
     assert best["people"]["means"] == sorted([best["people"]["you"], float(CONFIG.limit)])
     pages = [read(store, "ada", 4, after) for after in (None, rows[3].id, rows[7].id)]
-    assert [each.id for page, _ in pages for each in page] == [each.id for each in rows]
-    assert [made for _, made in pages] == [4 + 1, 4 + 1, 1 + 1], "a page, and the best"
+    assert [episode.id for page, _ in pages for episode in page] == [episode.id for episode in rows]
+    assert [count for _, count in pages] == [4 + 1, 4 + 1, 1 + 1], "a page, and the best"
     text = b"".join(export_table(store, "episodes", public=True, player="ada")).decode()
     assert all(row.id in text for row in rows)
     assert not any(row.id in text for row in others)

@@ -1,4 +1,4 @@
-"""What a study can see before it is frozen, against studies simulated from the definitions alone."""
+"""What a study can see before it is frozen, against simulated studies."""
 
 from dataclasses import replace
 
@@ -51,23 +51,29 @@ DESIGNS = {
 
 
 def simulated_study(design, rng):
-    """Return (finished, left) of one study, by hand: people come one by one until enough have finished."""
+    """Simulate a study by hand: people come one by one until enough have finished.
+
+    Returns (finished, left).
+    """
     finished, left = [], []
     while len(finished) < design.participants:
-        own = design.mean + design.player_sd * rng.standard_normal()
+        person_mean = design.mean + design.player_sd * rng.standard_normal()
         leaves = rng.random() < design.leaver_share
         ended = rng.integers(design.terrains) if leaves else design.terrains
         row = np.full(design.terrains, design.worst)
         for terrain in rng.permutation(design.terrains)[:ended]:
             if rng.random() >= design.failed_share:
-                value = own + design.episode_sd * rng.standard_normal()
+                value = person_mean + design.episode_sd * rng.standard_normal()
                 row[terrain] = min(max(value, design.bounds[0]), design.bounds[1])
         (left if leaves else finished).append(row)
     return np.array(finished), np.array(left).reshape(-1, design.terrains)
 
 
 def independent_power(design, difference, studies, seed):
-    """Return the shares of studies that see a better and a worse policy: data by hand, the report's p alone is called."""
+    """The shares of studies that detect a better and a worse policy.
+
+    The data are simulated by hand; only the report's p is called.
+    """
     rng = np.random.default_rng(seed)
     reference = np.random.default_rng(seed + 1)
     without_leavers = replace(design, leaver_share=0.0)
@@ -78,8 +84,8 @@ def independent_power(design, difference, studies, seed):
         policies = design.terrain_sd * rng.standard_normal((design.policies, design.terrains))
         by_size.setdefault(len(left), []).append((finished, left, policies))
     seen = [0, 0]
-    for own in by_size.values():
-        finished, left, deviations = map(np.stack, zip(*own, strict=True))
+    for drawn in by_size.values():
+        finished, left, deviations = map(np.stack, zip(*drawn, strict=True))
         everybody = np.concatenate([finished, left], axis=1)
         for side, effect in enumerate((-difference, difference)):
             p_values, signs = [], []
@@ -87,11 +93,11 @@ def independent_power(design, difference, studies, seed):
                 mean = finishers_mean + (effect if policy == 0 else 0.0)
                 values = np.clip(mean + deviations[:, policy], *design.bounds)
                 tables = [values[:, None, :] - table for table in (finished, everybody)]
-                found = [p_value(table, values - design.worst) for table in tables]
+                tested = [p_value(table, values - design.worst) for table in tables]
                 sides = [np.sign(table.mean((1, 2))) for table in tables]
-                p_values.append(np.where(sides[0] == sides[1], np.maximum(*found), 1.0))
+                p_values.append(np.where(sides[0] == sides[1], np.maximum(*tested), 1.0))
                 signs.append(sides[0])
-            for number in range(len(own)):
+            for number in range(len(drawn)):
                 order = np.argsort([p[number] for p in p_values])
                 for rank, policy in enumerate(order):  # Holm, step by step
                     if p_values[policy][number] >= 0.05 / (design.policies - rank):
@@ -103,20 +109,20 @@ def independent_power(design, difference, studies, seed):
 @pytest.mark.parametrize("name", DESIGNS)
 def test_the_power_is_that_of_studies_simulated_by_hand(name):
     design, difference = DESIGNS[name]
-    found = simulate_power(design, difference, 2000)
-    assert found == pytest.approx(independent_power(design, difference, 600, 1), abs=0.07)
-    assert 0.2 < min(found) < 0.95, "a design that tells nothing of the test"
+    power = simulate_power(design, difference, 2000)
+    assert power == pytest.approx(independent_power(design, difference, 600, 1), abs=0.07)
+    assert 0.2 < min(power) < 0.95, "a design that tells nothing of the test"
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", DESIGNS)
 def test_the_power_is_within_three_points_of_20000_studies_simulated_by_hand(name, capsys):
     design, difference = DESIGNS[name]
-    found = simulate_power(design, difference, 10_000)
+    power = simulate_power(design, difference, 10_000)
     independent = independent_power(design, difference, 20_000, 2)
     with capsys.disabled():
-        print(f"\n{name}: {np.round(found, 3)}, independent {np.round(independent, 3)}")
-    assert found == pytest.approx(independent, abs=0.03)
+        print(f"\n{name}: {np.round(power, 3)}, independent {np.round(independent, 3)}")
+    assert power == pytest.approx(independent, abs=0.03)
 
 
 def test_a_t_test_would_promise_what_the_reports_test_does_not_keep():
@@ -169,9 +175,9 @@ def test_the_same_protocol_has_the_same_power_in_its_own_metric():
     assert design_of(protocol).higher_is_better
     power = power_of(protocol, 300)
     assert power == power_of(protocol, 300)
-    assert 0 < power.lower <= power.policy_better
+    assert 0 < power.deciding_power <= power.policy_better
     assert power.half_width < 0.05
-    with pytest.raises(ValueError, match=r"write each into protocol\.json"):
+    with pytest.raises(ValueError, match=r"write each into protocol\.toml"):
         design_of(protocol.model_copy(update={"assumed_mean": None}))
 
 
@@ -201,11 +207,11 @@ def test_a_pilot_gives_the_assumptions_about_people():
     scores = np.clip(0.8 + 0.05 * rng.standard_normal((30, 1)) + 0.08 * rng.standard_normal((30, 6)), 0, 1)  # fmt: skip
     pilot = study(*played(scores))
     protocol = default_protocol("plan", CONFIG, primary_metric="score")
-    found = assumptions_from(pilot, protocol)
-    assert found["assumed_player_sd"] == pytest.approx(0.05, rel=0.4)
-    assert found["assumed_episode_sd"] == pytest.approx(0.08, rel=0.15)
-    assert found["assumed_mean"] == pytest.approx(0.8, abs=0.03)
-    assert 0 <= found["assumed_failed_share"] < 0.5
-    assert found["assumed_leaver_share"] == 0
+    assumed = assumptions_from(pilot, protocol)
+    assert assumed["assumed_player_sd"] == pytest.approx(0.05, rel=0.4)
+    assert assumed["assumed_episode_sd"] == pytest.approx(0.08, rel=0.15)
+    assert assumed["assumed_mean"] == pytest.approx(0.8, abs=0.03)
+    assert 0 <= assumed["assumed_failed_share"] < 0.5
+    assert assumed["assumed_leaver_share"] == 0
     with pytest.raises(ValueError, match="too few players"):
         assumptions_from(study(*played(scores[:1])), protocol)

@@ -1,4 +1,4 @@
-"""The spread of a table: variance components and the middle half, against textbooks and literal twins."""
+"""The spread of a table, against textbooks and literal twins."""
 
 import numpy as np
 import pytest
@@ -86,7 +86,7 @@ def test_the_intervals_of_the_components_cover_what_was_drawn():
 
 
 def one_way_icc(table):
-    """Return the ICC of the one-way analysis of variance, in which the terrains are noise within players."""
+    """The ICC of the one-way analysis of variance, where terrains are only noise."""
     of_players = table.shape[1] * table.mean(1).var(ddof=1)
     within = table.var(axis=1, ddof=1).mean()
     return (of_players - within) / (of_players + (table.shape[1] - 1) * within)

@@ -1,4 +1,4 @@
-"""Summaries of episodes: curves with intervals, visits and trials, in which every group weighs the same."""
+"""Summaries of episodes: curves, visits and trials; every group weighs the same."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_trials_name_the_number_of_people_behind_each_point():
     summary = trial_summaries(
         [[episode([1], steps=10), episode([1], steps=8)], [episode([1], steps=20)]]
     )
-    assert [(each["trial"], each["players"], each["steps"]["mean"]) for each in summary] == [
+    assert [(trial["trial"], trial["players"], trial["steps"]["mean"]) for trial in summary] == [
         (1, 2, 15.0),
         (2, 1, 8.0),
     ]

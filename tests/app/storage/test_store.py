@@ -78,7 +78,7 @@ def test_closing_and_opening_the_next_episodes_is_all_or_nothing(store):
     session = add_session(store)
     row, episode = open_episode(store, session, seed=1)
     episode.abandon()
-    closing = (row.id, episode.record(), NOW)
+    closing = Closing(row.id, episode.record(), NOW)
     following = replace(row, id="next", number=1)
     with pytest.raises(StoreError, match="nothing changed"):
         store.next_episode([closing], [following, replace(following, id="other")])

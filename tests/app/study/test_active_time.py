@@ -1,4 +1,4 @@
-"""Time at an episode without pauses: per load of the page, whatever clock each of them has."""
+"""Time at an episode without pauses, by each page load's own clock."""
 
 import pytest
 from hypothesis import given
@@ -11,19 +11,19 @@ T = 1_790_000_000_000
 
 
 class Browser:
-    """What a server stores of one person's tabs; times are seconds since the episode's start."""
+    """What a server stores of one person's tabs, in seconds since the episode's start."""
 
     def __init__(self):
         self.inputs, self.moves = [], []
         self._tabs, self._loaded_s = [], []
 
-    def load(self, tab, at_s, said="visible"):
-        """Load the page in a tab, which says whether it is visible; return the load's number."""
+    def load(self, tab, at_s, kind="visible"):
+        """Load the page in a tab, visible or not, and return the load's number."""
         if tab not in self._tabs:
             self._tabs.append(tab)
         self._loaded_s.append(at_s - 3.7)
         number = len(self._loaded_s) - 1
-        self.note(number, tab, said, at_s)
+        self.note(number, tab, kind, at_s)
         return number
 
     def note(self, load, tab, kind, at_s, delay_s=0.0):

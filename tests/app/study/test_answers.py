@@ -1,4 +1,4 @@
-"""What becomes of answers: the report's table, and what a release holds with and without them."""
+"""Answers in the report's table, and in a release with and without them."""
 
 import csv
 import io
@@ -20,7 +20,7 @@ QUESTIONS = [
     {"kind": "choice", "name": "hand", "question": "Which hand?", "choices": ["left", "right", "both"],
      "tells": "demographics"},
     {"kind": "choice", "name": "before", "question": "Played before?", "choices": ["no", "yes"], "tells": "exposure"},
-    {"kind": "number", "name": "age", "question": "How old?", "least": 18, "most": 99},
+    {"kind": "number", "name": "age", "question": "How old?", "minimum": 18, "maximum": 99},
     {"kind": "text", "name": "how", "question": "How did you do it?", "long": True, "tells": "explanations"},
 ]  # fmt: skip
 PEOPLE = [
@@ -33,6 +33,11 @@ PEOPLE = [
 
 def cells(answers, **question):
     """The cells of a question with these answers, as they are told."""
+    return [(cell.answers, cell.people) for cell in counted(answers, **question).cells]
+
+
+def counted(answers, **question):
+    """The counts of a question with these answers."""
     asked = {"name": "q", "question": "What?", **question}
     about = Block.model_validate(block("about", questions=[asked]))
     rows = [
@@ -40,11 +45,11 @@ def cells(answers, **question):
     ]
     (counts,) = count_answers([about], rows, [])
     assert counts.people in (None, len(answers))
-    return [(cell.answers, cell.people) for cell in counts.cells]
+    return counts
 
 
 @pytest.mark.parametrize(
-    ("answers", "told"),
+    ("answers", "expected"),
     [
         ([0] * 5 + [1] * 3, [("a", 5), ("b", 3), ("c", 0)]),
         ([0] * 5 + [1] * 2, [("a or b", 7), ("c", 0)]),
@@ -54,14 +59,33 @@ def cells(answers, **question):
         ([0, 1], []),
     ],
 )
-def test_nobody_stands_alone_in_a_cell(answers, told):
-    assert cells(answers, kind="choice", choices=["a", "b", "c"]) == told
+def test_nobody_stands_alone_in_a_cell(answers, expected):
+    assert cells(answers, kind="choice", choices=["a", "b", "c"]) == expected
+
+
+@pytest.mark.parametrize(
+    ("question", "answers", "words"),
+    [
+        ({"kind": "number", "minimum": 0, "maximum": 90}, [20, 30] * 5, "mean 25.0, SD 5.3"),
+        ({"kind": "number", "minimum": 0, "maximum": 90}, [20, 30] * 5 + [None] * 3, "mean 25.0, SD 5.3"),
+        ({"kind": "number", "minimum": 0, "maximum": 90}, [20, 30] * 4 + [None] * 9, ""),
+        ({"kind": "number", "minimum": 0, "maximum": 90}, [20, 30] * 5 + [None], ""),
+        ({"kind": "likert", "rows": ["r"], "points": [*"abcde"]}, [0] + [2] * 4 + [3] * 5, ""),
+        ({"kind": "scale", "steps": 21, "low": "l", "high": "h"}, [0] * 5 + [20] * 5, "mean 10.0, SD 10.5"),
+        ({"kind": "likert", "rows": ["r"], "points": ["a", "b", "c"]}, [0, 2] * 5, "mean 2.0, SD 1.1"),
+        ({"kind": "choice", "choices": ["a", "b"]}, [0, 1] * 5, ""),
+    ],
+)  # fmt: skip
+def test_what_is_a_number_has_mean_and_sd_unless_they_gave_the_answers_away(
+    question, answers, words
+):
+    assert counted(answers, **question).mean_and_sd() == words
 
 
 def test_numbers_and_steps_are_told_in_ranges():
-    number = {"kind": "number", "least": 18, "most": 99}
+    number = {"kind": "number", "minimum": 18, "maximum": 99}
     assert cells([19, 21, 22, 23, 45, 46, 47], **number) == [("18 to 29", 4), ("40 to 49", 3)]
-    large = {"kind": "number", "least": 0, "most": 20_000_000}
+    large = {"kind": "number", "minimum": 0, "maximum": 20_000_000}
     assert cells([2_500_000] * 3, **large) == [("2000000 to 3999999", 3)]
     scale = {"kind": "scale", "steps": 21, "low": "low", "high": "high"}
     assert cells([0, 3, 4, 10, 10, 10, None], **scale) == [
@@ -115,19 +139,19 @@ def test_a_release_has_counts_and_more_where_it_is_asked_for_and_is_derived_agai
     def release(name, *flags):
         out = tmp_path / name
         how = ("--study", "small", "--out", out, "--database", closed, *flags)
-        code, said, error = command(capsys, "release", *how)
+        code, printed, error = command(capsys, "release", *how)
         assert code == 0, error
         code, derived, error = command(capsys, "reproduce", out)
         assert code == 0, error
         assert derived.splitlines()[-1].endswith(" values compared, 0 differ")
         assert command(capsys, "verify", "--dataset", out)[0] == 0
-        return out, said
+        return out, printed
 
-    plain, said = release("plain")
-    told = {
+    plain, printed = release("plain")
+    counts = {
         (row["question"], row["answers"]): row["people"] for row in csv_of(plain, "answer_counts")
     }
-    assert told == {
+    assert counts == {
         ("hand", "left or right"): "4", ("hand", "both"): "0", ("before", "no"): "4", ("before", "yes"): "0",
         ("age", "20 to 69"): "4", ("how", ""): "",
     }  # fmt: skip
@@ -135,9 +159,9 @@ def test_a_release_has_counts_and_more_where_it_is_asked_for_and_is_derived_agai
     assert b"ann@example.org" not in bytes_of(plain)
     assert b"example.org/me" not in bytes_of(plain)
 
-    full, said = release("full", "--answers", "--free-text")
-    assert "4 of 4 people who answered are unique by their answers" in said
-    assert "3 free texts in" in said
+    full, printed = release("full", "--answers", "--free-text")
+    assert "4 of 4 people who answered are unique by their answers" in printed
+    assert "3 free texts in" in printed
     ages = [row["answer"] for row in csv_of(full, "answers") if row["question"] == "age"]
     kinds = {row["participant"]: row["kind"] for row in csv_of(full, "participants")}
     assert len(ages) == len(kinds) == 5
@@ -155,7 +179,7 @@ def test_a_release_has_counts_and_more_where_it_is_asked_for_and_is_derived_agai
     items = {item["number"]: item for item in report["checklist"]}
     assert items["2.5"]["answer"] == "Asked"
     assert "“Played before?” no: 4; yes: 0." in items["2.5"]["detail"]
-    assert "left or right: 4" in items["5.1.1"]["detail"]
+    assert items["5.1.1"]["detail"].startswith("none. “Which hand?” left or right: 4")
     assert items["3.6"]["answer"] == "Yes"
     assert items["3.5"]["answer"] == "Unknown/Unreported"
     assert "Which hand?" in (plain / "report.html").read_text()

@@ -1,4 +1,4 @@
-"""A participant goes through a whole study, and the server refuses each step that does not belong there."""
+"""A participant goes through a whole study; the server refuses steps out of order."""
 
 import json
 from contextlib import closing
@@ -58,17 +58,17 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
     person = Person(
         server, outside_ids={"PROLIFIC_PID": "pid-1", "STUDY_ID": "s-1", "WEATHER": "fine"}
     )
-    where = person.where
-    assert (where["stage"], where["session"], where["about"], where["phase"]) == (
+    state = person.where
+    assert (state["stage"], state["session"], state["about"], state["phase"]) == (
         "consent",
         None,
         None,
         None,
     )
-    assert where["consent"]["text"] == study.protocol.consent.text
-    assert "2 practice terrains and 3 terrains that count" in where["consent"]["text"]
-    assert where["rules"] == {"coverage": "99 %", "lidar_radius": "6", "max_steps": "63"}
-    assert [set(each) for each in where["questions"]] == [{"question", "choices"}] * 3
+    assert state["consent"]["text"] == study.protocol.consent.text
+    assert "2 practice terrains and 3 terrains that count" in state["consent"]["text"]
+    assert state["rules"] == {"coverage": "99 %", "lidar_radius": "6", "max_steps": "63"}
+    assert [set(question) for question in state["questions"]] == [{"question", "choices"}] * 3
     person.call("consent", {"version": "1", "agree": True})
     person.call("advance", {"from": "instructions"})
     assert person.where["stage"] == "tutorial"
@@ -88,10 +88,10 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
     assert all(frame[name] is None for frame in hidden for name in ("reward", "return", "score"))
     last = seen["ranked"][-1][-1]
     assert (last["outcome"], last["score"] is not None) == ("explored", True)
-    where = person.where
-    assert where["stage"] == "debrief"
-    debrief = where["debrief"]
-    assert [each["outcome"] for each in debrief["episodes"]] == ["explored"] * 3
+    state = person.where
+    assert state["stage"] == "debrief"
+    debrief = state["debrief"]
+    assert [episode["outcome"] for episode in debrief["episodes"]] == ["explored"] * 3
     policy = debrief["policy"]
     assert policy.keys() == {"name", "mean_steps_warm_up", "own_mean_steps_warm_up"}
     assert policy["name"] == "frontier-cost"
@@ -107,8 +107,8 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
     assert person.client.get(f"{person.url}/debrief/2").status_code == 404
     person.call("advance", {"from": "debrief"})
     assert (person.where["stage"], person.where["ending"]) == ("complete", ending)
-    kept = rows(server, "SELECT name, value FROM identities ORDER BY name")
-    assert [tuple(each.values()) for each in kept] == [
+    identities = rows(server, "SELECT name, value FROM identities ORDER BY name")
+    assert [tuple(row.values()) for row in identities] == [
         ("PROLIFIC_PID", "pid-1"),
         ("STUDY_ID", "s-1"),
     ]
@@ -116,7 +116,7 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
 
 
 def check_rows(server, study):
-    """The database holds what was played, on the study's terrains, in the participant's order."""
+    """The database holds what was played, on the study's terrains, in the right order."""
     (participant,) = rows(server, "SELECT * FROM participants")
     assert (participant["kind"], participant["stage"], participant["consent_version"]) == (
         "human",
@@ -128,25 +128,27 @@ def check_rows(server, study):
         server,
         "SELECT * FROM series_episodes t JOIN episodes e ON e.id = t.episode_id ORDER BY e.number",
     )
-    own = study.balanced_order("human", 0)
-    assert [(each["phase"], each["trial"], each["terrain"]) for each in trials] == [
-        ("tutorial", 0, 0), ("warm_up", 0, 0), ("warm_up", 1, 1), *(("ranked", i, own[i]) for i in range(3))
+    order = study.balanced_order("human", 0)
+    assert [(trial["phase"], trial["trial"], trial["terrain"]) for trial in trials] == [
+        ("tutorial", 0, 0), ("warm_up", 0, 0), ("warm_up", 1, 1), *(("ranked", i, order[i]) for i in range(3))
     ]  # fmt: skip
     seeds = [
         1,
         study.seed("warm-up", 0),
         study.seed("warm-up", 1),
-        *(study.seed("ranked", i) for i in own),
+        *(study.seed("ranked", i) for i in order),
     ]
-    assert [each["seed"] for each in trials] == seeds
-    assert {(each["seed_chosen"], each["assisted"], each["driver"]) for each in trials} == {
+    assert [trial["seed"] for trial in trials] == seeds
+    assert {(trial["seed_chosen"], trial["assisted"], trial["driver"]) for trial in trials} == {
         (0, 0, "human")
     }
-    assert {each["session_id"] for each in trials} == {participant["session_id"]}
-    for each in trials:
-        record = server.services.store.load_record(each["id"])
+    assert {trial["session_id"] for trial in trials} == {participant["session_id"]}
+    for trial in trials:
+        record = server.services.store.load_record(trial["id"])
         assert replay(record).record() == record
-    kinds = [each["kind"] for each in rows(server, "SELECT kind FROM stage_events ORDER BY number")]
+    kinds = [
+        event["kind"] for event in rows(server, "SELECT kind FROM stage_events ORDER BY number")
+    ]
     assert kinds[:4] == ["joined", "stage", "stage", "stage"]
     assert (kinds.count("answers"), kinds.count("break"), kinds[-1]) == (2, 1, "stage")
 
@@ -190,13 +192,13 @@ def test_next_is_idempotent_and_no_terrain_is_drawn_again(server):
     assert (person.frame["episode"], person.frame["step"]) == (first["frame"]["episode"], 1)
     url = f"/api/sessions/{first['session']}"
     act = {"episode": first["frame"]["episode"], "step": 1, "action": "south", "input": "key"}
-    for path, body, said in (
+    for path, body, sentence in (
         ("act", act, "its moves come over the socket"),
         ("episodes", {}, "its terrains are the study's"),
         ("pace", {"pause": True}, "no pace"),
     ):
         answer = person.client.post(f"{url}/{path}", json=body)
-        assert (answer.status_code, said in answer.json()["detail"]) == (409, True)
+        assert (answer.status_code, sentence in answer.json()["detail"]) == (409, True)
     assert person.client.get(url).json()["step"] == 1
 
 
@@ -248,10 +250,10 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
     stranger = server.client()
     answer = stranger.get("/api/studies/small/me")
     assert (answer.status_code, "have not joined" in answer.json()["detail"]) == (404, True)
-    for what in ("next", "withdraw"):
-        assert stranger.post(f"/api/studies/small/{what}").status_code == 404
+    for route in ("next", "withdraw"):
+        assert stranger.post(f"/api/studies/small/{route}").status_code == 404
     person = Person(server)
-    for what, body, said in (
+    for route, body, sentence in (
         ("consent", {"version": "1"}, "agree is missing"),
         ("consent", {"version": "1", "agree": "yes"}, "agree must be true or false"),
         ("advance", {"from": "ranked"}, "from must be"),
@@ -264,7 +266,7 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
         ),
         ("join", {"outside_ids": {"PROLIFIC_PID": "x" * 300}}, "at most 201 characters"),
     ):
-        assert said in person.refused(what, body, 422)
+        assert sentence in person.refused(route, body, 422)
     assert str(tmp_path) not in client.get("/api/studies/none").text
 
 
@@ -281,11 +283,11 @@ def test_a_draft_and_a_thawed_study_cannot_be_joined_and_tell_no_path(server, tm
     person.call("next")
     path = folder.path("small") / "protocol.json"
     was = path.read_text()
-    path.write_text(was.replace('"ranked": 3', '"ranked": 1'))
-    for what in ("join", "next"):
-        said = person.refused(what)
-        assert "its files have changed" in said
-        assert str(tmp_path) not in said
+    path.write_text(was.replace('"ranked":3', '"ranked":1'))
+    for route in ("join", "next"):
+        refusal = person.refused(route)
+        assert "its files have changed" in refusal
+        assert str(tmp_path) not in refusal
     with person.socket() as socket:
         socket.act(socket.receive("frame"), "south", input="key")
         assert "cannot go on now" in socket.receive("refused")["reason"]
@@ -336,14 +338,19 @@ def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
     assert person.where["participant"] in person.where["note"]
     assert person.frame["outcome"] == "abandoned"
     assert "nothing to withdraw from" in person.refused("withdraw")
-    for what in ("next", "consent"):
-        person.refused(what, {"version": "1", "agree": True} if what == "consent" else None)
+    for route in ("next", "consent"):
+        person.refused(route, {"version": "1", "agree": True} if route == "consent" else None)
     assert Person(server, client=person.client).where["stage"] == "withdrawn"
 
 
 def test_settings_are_kept_and_each_change_is_on_record(server):
     person = Person(server)
-    assert person.where["settings"] == {"modality": None, "palette": "standard", "keys": None}
+    assert person.where["settings"] == {
+        "modality": None,
+        "palette": "standard",
+        "keys": None,
+        "language": None,
+    }
     keys = {"north": ["KeyI"], "east": ["KeyL"], "south": ["KeyK"], "west": ["KeyJ"]}
     person.call("settings", {"modality": "touch", "keys": keys})
     person.call("settings", {"palette": "high-contrast"})
@@ -351,6 +358,7 @@ def test_settings_are_kept_and_each_change_is_on_record(server):
         "modality": "touch",
         "palette": "high-contrast",
         "keys": keys,
+        "language": None,
     }
     assert len(rows(server, "SELECT * FROM stage_events WHERE kind = 'settings'")) == 2
 
@@ -360,10 +368,12 @@ def test_a_script_is_a_script_for_ever(server):
     assert script.where["stage"] == "consent"
     script.to_warm_up()
     script.play_on()
-    assert {each["driver"] for each in rows(server, "SELECT driver FROM episodes")} == {"script"}
-    assert {each["driver"] for each in rows(server, "SELECT driver FROM steps")} == {"script"}
-    (kept,) = rows(server, "SELECT kind, script FROM participants")
-    assert tuple(kept.values()) == ("script", "noisy-frontier")
+    assert {episode["driver"] for episode in rows(server, "SELECT driver FROM episodes")} == {
+        "script"
+    }
+    assert {step["driver"] for step in rows(server, "SELECT driver FROM steps")} == {"script"}
+    (participant,) = rows(server, "SELECT kind, script FROM participants")
+    assert tuple(participant.values()) == ("script", "noisy-frontier")
     assert script.client.post(f"{script.url}/join").status_code == 200
     assert "as the script 'noisy-frontier' already" in script.refused("join", {"script": "random"})
     person = Person(server)
@@ -383,7 +393,7 @@ def test_a_scripts_step_in_a_persons_episode_is_a_deviation_on_record(server):
     )
     assert row["driver"] == "script"
     noted = rows(server, "SELECT detail FROM stage_events WHERE kind = 'deviation'")
-    assert [json.loads(each["detail"])["episode"] for each in noted] == [person.frame["episode"]]
+    assert [json.loads(event["detail"])["episode"] for event in noted] == [person.frame["episode"]]
     assert rows(server, "SELECT kind FROM participants") == [{"kind": "human"}]
 
 
@@ -397,7 +407,7 @@ def test_series_episodes_never_enter_the_playgrounds_own_human_level(server, tmp
     assert len(client.get("/api/episodes").json()) == 6
     assert client.get("/api/episodes?who=human").json() == []
     assert client.get("/api/human-level").json()["figures"] == []
-    assert not any(each["counts"] for each in client.get("/api/episodes").json())
+    assert not any(episode["counts"] for episode in client.get("/api/episodes").json())
 
 
 def test_a_database_that_holds_another_study_of_that_name_is_not_mixed_with_it(serve, tmp_path):
@@ -425,7 +435,7 @@ def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_r
 
 def test_whoever_withdraws_chooses_whether_what_they_played_is_kept_or_erased(server, study):
     declared = study.protocol.declarations
-    for erase, said in (
+    for erase, sentence in (
         (False, "is kept without your name. To have it erased, write to"),
         (
             True,
@@ -436,12 +446,12 @@ def test_whoever_withdraws_chooses_whether_what_they_played_is_kept_or_erased(se
         person.to_warm_up()
         assert person.call("withdraw", {"erase": erase})["stage"] == "withdrawn"
         note = person.me()["note"]
-        assert said in note
+        assert sentence in note
         assert declared.contact.rstrip(".") in note
         assert person.where["participant"] in note
         with closing(Reader.open(server.services.store.path)) as reader:
             listed = list_participants(reader, study.name, server.clock.now_ms(), True)
-        (row,) = (each for each in listed if each.label == person.where["participant"])
+        (row,) = (row for row in listed if row.label == person.where["participant"])
         assert row.asks_erasure is erase
 
 

@@ -206,7 +206,11 @@ def test_people_of_an_arm_with_keys_begin_with_them_and_may_choose_others(serve,
         assert list(person.where["task"]["keys"].items()) == list(wanted.items())
         assert person.where["settings"]["keys"] == wanted
         assert person.where["settings"]["palette"] == "high-contrast"
-        person.call("settings", {"keys": usual})
+        late = {"modality": "touch", "keys": remembered, "stage": "consent"}
+        person.call("settings", late)
+        assert person.where["settings"]["keys"] == wanted, "these were chosen before the arm's"
+        assert person.where["settings"]["modality"] == "touch"
+        person.call("settings", {"keys": usual, "stage": "instructions"})
         assert person.where["settings"]["keys"] == usual
     assert "begin with the keys KeyI, KeyW for north" in preregistration(study.protocol, study)
 
@@ -348,8 +352,8 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
     ("protocol", "sentence"),
     [
         ({"arms": [{"name": "a"}]}, "arms must be none, or two or more"),
-        ({"arms": [{"name": "a"}, {"name": "a"}]}, "of different names"),
-        ({"arms": [{"name": "a"}, {"name": "b"}]}, "differ in nothing"),
+        ({"arms": [{"name": "a"}, {"name": "a"}]}, "with different names"),
+        ({"arms": [{"name": "a"}, {"name": "b"}]}, "do not differ"),
         (
             {"arms": [{"name": "a", "keys": {"north": ["KeyI"]}}, {"name": "b"}]},
             "keys of the arm 'a' must be different keys: 2 of north, 2 of east",
@@ -360,7 +364,7 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
         ),
         (
             {"blocks": [{**ABOUT, "name": "w", "at": "before", "arms": ["c"], "questions": [NOTICED]}]},
-            "for the arm 'c', which there is not: there are none",
+            "names the arm 'c', but the protocol has no such arm .it has: none.",
         ),
         (
             {"arms": ARMS, "blocks": [{**ABOUT, "name": "w", "at": "before", "arms": ["told"], "questions": [CHECK]}]},
@@ -375,13 +379,13 @@ def test_report_and_release_say_who_left_which_arm_and_both_estimates_by_arm(
         ),
         (
             {"arms": [{"name": "a", "keys": {**SAME_KEYS, "north": ["KeyI", "Space"]}}, {"name": "b"}]},
-            "expected the code of a key that may drive",
+            "must be codes of keys that may drive, .* got 'Space'; Space, Enter, Tab and Escape stay with the page",
         ),
         ({"arms": [{"name": "a b"}, {"name": "b"}]}, "name: String should match pattern"),
-        ({"primary_family": "arms"}, "primary_family arms needs arms, and arm_difference"),
+        ({"primary_family": "arms"}, "primary_family arms needs arms and arm_difference"),
         (
             {"arms": [{"name": "a", "questions": [{"question": "?", "choices": ["a", "b"], "answer": 0}]}, {"name": "b"}]},
-            "every arm asks as many questions",
+            "all arms must ask the same number of questions, .* got 1 and 0",
         ),
         ({"arms": [{"name": "a", "hint": "{rows_}"}, {"name": "b"}]}, "unknown placeholder"),
         ({"arms": [{"name": "a", "hint": "Play 30 rounds."}, {"name": "b"}]}, "counts by hand"),
@@ -480,14 +484,10 @@ def test_the_operators_arm_is_noted_when_chances_is_so_that_attrition_counts_the
     server = serve()
     for number, link in enumerate((*named, *drawn)):
         person = Person(server, invitation=link.partition("invitation=")[2])
-        person.call("consent", YES)
         if before == "warm_up":
-            person.call("advance", {"from": "instructions"})
-            person.call("next")
-            frame = person.frame
-            person.call("give-up", {"episode": frame["episode"], "step": frame["step"]})
-            person.call("advance", {"from": "tutorial"})
-            person.answer_questions()
+            person.to_warm_up()
+        else:
+            person.call("consent", YES)
         assert len(ask(path, ASSIGNED)) == number, "nobody is assigned before the page that differs"
         if before == "instructions":
             person.call("advance", {"from": "instructions"})

@@ -7,7 +7,8 @@ import pytest
 from humanplay.report.build import build
 from humanplay.report.preregistration import preregistration
 from humanplay.study.data import load
-from humanplay.study.protocol import EXCLUSION, PER_PROTOCOL, StudyError
+from humanplay.study.exclusion_rules import EXCLUSION, PER_PROTOCOL
+from humanplay.study.protocol import StudyError
 from humanplay.study.verification import verify_database
 from tests.app.study.test_questions import block
 from tests.support.command import command
@@ -29,13 +30,13 @@ def check(name, at, needed=True):
         "needed": needed,
         **asked,
     }
-    number = {"kind": "number", "name": f"{name}_age", "question": "Age?", "most": 99}
+    number = {"kind": "number", "name": f"{name}_age", "question": "Age?", "maximum": 99}
     return block(f"{name}_block", at=at, questions=[attention, number])
 
 
 BLOCKS = [check("early", "before"), check("later", "after_warm_up"), check("last", "after")]
 LIMIT = {"blocks": BLOCKS, "attention_limit": 1}
-LEFT_OUT = {PER_PROTOCOL: {**EXCLUSION[PER_PROTOCOL], "most_missed_checks": 1}}
+LEFT_OUT = {PER_PROTOCOL: {**EXCLUSION[PER_PROTOCOL], "max_missed_checks": 1}}
 
 
 def answer(person, name, chosen):
@@ -97,7 +98,7 @@ def test_who_misses_too_many_checks_before_the_ranked_episodes_is_screened_out(
 def test_later_misses_take_out_of_the_estimate_or_flag_and_a_release_without_answers_knows(
     serve, tmp_path, capsys
 ):
-    rules = {"exclusion": LEFT_OUT, "flags": {"most_missed_checks": 0}}
+    rules = {"exclusion": LEFT_OUT, "flags": {"max_missed_checks": 0}}
     freeze(tmp_path / "playground.db-studies", blocks=BLOCKS, **rules)
     server = serve()
     people = [plays(server, *chosen) for chosen in ((1, 1, 1), (1, 1, 0), (0, 1, None))]
@@ -117,7 +118,7 @@ def test_later_misses_take_out_of_the_estimate_or_flag_and_a_release_without_ans
 
 
 def test_a_check_that_is_left_out_or_skipped_is_missed(serve, tmp_path, capsys):
-    flags = {"most_missed_checks": 0}
+    flags = {"max_missed_checks": 0}
     blocks = [check("early", "before", needed=False), check("last", "after", needed=False)]
     freeze(tmp_path / "playground.db-studies", blocks=blocks, flags=flags, warm_up=0)
     server = serve()
@@ -211,11 +212,11 @@ def test_the_preregistration_says_what_checks_do(tmp_path):
 @pytest.mark.parametrize(
     ("fields", "sentence"),
     [
-        ({"attention_limit": 0}, "attention_limit is 0, and 0 attention checks can be missed"),
-        ({"blocks": BLOCKS, "attention_limit": 2}, "limit is 2, and 2 attention checks can be missed"),
-        ({"flags": {"most_missed_checks": 0}}, "no block has an attention check"),
-        ({"blocks": BLOCKS, "flags": {"most_missed_checks": 0.5}}, "a whole number from 0, got 0.5"),
-        ({"blocks": BLOCKS, "flags": {"most_missed_checks": -1}}, "a whole number from 0, got -1"),
+        ({"attention_limit": 0}, "attention_limit is 0, but only 0 attention checks can be missed"),
+        ({"blocks": BLOCKS, "attention_limit": 2}, "limit is 2, but only 2 attention checks can be missed"),
+        ({"flags": {"max_missed_checks": 0}}, "no block has an attention check"),
+        ({"blocks": BLOCKS, "flags": {"max_missed_checks": 0.5}}, "a whole number from 0, got 0.5"),
+        ({"blocks": BLOCKS, "flags": {"max_missed_checks": -1}}, "a whole number from 0, got -1"),
     ],
 )  # fmt: skip
 def test_a_rule_on_checks_that_nobody_can_miss_is_refused(tmp_path, fields, sentence):

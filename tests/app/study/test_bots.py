@@ -1,4 +1,4 @@
-"""Bots in a study: `humanplay report` counts them and leaves them out of both estimates."""
+"""Bots in a study: the report counts them and leaves them out of both estimates."""
 
 import json
 from contextlib import contextmanager
@@ -15,14 +15,17 @@ HONEST = 4
 
 
 class HastyHand:
-    """The clock of a program that presses every 10 ms once it has made `slow` moves at a person's pace."""
+    """The clock of a program that plays `slow` moves at a person's pace, then hurries.
+
+    It then presses every 10 ms.
+    """
 
     def __init__(self, clock, slow):
         self.clock, self.slow, self.last_ms = clock, slow, 0.0
         self.presses = 0
 
     def page_ms(self):
-        """Return the time of the next press: a press is asked for twice, going down and coming up."""
+        """The time of the next press; each is asked for twice, going down and coming up."""
         self.presses += 1
         now_ms = self.clock.page_ms()
         is_fast = self.last_ms and self.presses > 2 * self.slow
@@ -51,7 +54,10 @@ class Bot(Person):
 
 @pytest.fixture
 def report(server, tmp_path, capsys):
-    """`report(*slow)` plays a study of honest people and of a bot for each of `slow`, and returns its people's report."""
+    """`report(*slow)` plays a study of honest people, and of a bot for each of `slow`.
+
+    It returns the report's group of people.
+    """
 
     def made(*slow):
         folder = Folder(tmp_path / "playground.db-studies")
@@ -64,10 +70,10 @@ def report(server, tmp_path, capsys):
             person = who(server, invitation=token_of(study, invitation.id))
             person.to_warm_up()
             person.play_on()
-        where = "--database", tmp_path / "playground.db"
-        assert run("study", "close", "small", "--now", "--yes", *where) == 0
-        told = "--no-policies", "--no-moves", "--json", tmp_path / "report.json"
-        code, _, err = command(capsys, "report", "--study", "small", *told, *where)
+        database = "--database", tmp_path / "playground.db"
+        assert run("study", "close", "small", "--now", "--yes", *database) == 0
+        options = "--no-policies", "--no-moves", "--json", tmp_path / "report.json"
+        code, _, err = command(capsys, "report", "--study", "small", *options, *database)
         assert (code, err) == (0, "")
         (group,) = json.loads((tmp_path / "report.json").read_text())["groups"]
         return group

@@ -1,4 +1,4 @@
-"""The end of a study: what is open is abandoned, nobody is cut off unseen, and whoever is erased later is counted."""
+"""The end of a study: what is abandoned, and who is counted how."""
 
 import csv
 import io
@@ -31,7 +31,11 @@ from tests.support.stored_studies import StudyRecorder, freeze
 
 @pytest.fixture
 def study(tmp_path):
-    """An open study: one has finished, one left an episode open long ago, one has just moved, one was idle before any move."""
+    """An open study with people at different points.
+
+    One has finished, one left an episode open long ago, one has just moved, one was idle before any
+    move.
+    """
     study = freeze(tmp_path / "play.db-studies", close=False)
     with closing(StudyRecorder(tmp_path / "play.db", study)) as recorder:
         done, left = recorder.join(0), recorder.join(1, stage="ranked")
@@ -52,8 +56,8 @@ def run(capsys, tmp_path, *args):
 
 def outcomes(path):
     with closing(Store(path)) as store:
-        found = store.query("SELECT outcome, count(*) AS n FROM episodes GROUP BY 1 ORDER BY 1")
-    return {row["outcome"]: row["n"] for row in found}
+        counts = store.query("SELECT outcome, count(*) AS n FROM episodes GROUP BY 1 ORDER BY 1")
+    return {row["outcome"]: row["n"] for row in counts}
 
 
 def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
@@ -80,9 +84,9 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
     treated = group.everybody
     assert (treated.players, treated.episodes) == (3, 9)
     limit = data.protocol.env_config.limit
-    own = [each.steps for each in data.trials if each.participant == study["done"]]
-    first = next(each.steps for each in data.trials if each.participant == study["left"])
-    means = [sum(own) / 3, (first + 2 * limit) / 3, limit]
+    steps = [trial.steps for trial in data.trials if trial.participant == study["done"]]
+    first = next(trial.steps for trial in data.trials if trial.participant == study["left"])
+    means = [sum(steps) / 3, (first + 2 * limit) / 3, limit]
     assert treated.steps.mean == pytest.approx(sum(means) / 3)
     assert treated.steps.mean > group.figure.steps.mean
 
@@ -97,9 +101,9 @@ def test_whoever_withdraws_after_being_interrupted_is_counted_once(study, tmp_pa
         recorder.play(early, "warm_up", 0, "open")
     assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
     with closing(Store(path)) as store:
-        known = StudyStore(store)
+        study_store = StudyStore(store)
         for person in (study["here"], early):
-            known.withdraw(known.participant(person), now_ms())
+            study_store.withdraw(study_store.participant(person), now_ms())
     people = build(load(path, "dunes")).groups[0].flow.people
     assert people == {"finished": 1, "interrupted": 1, "left": 1, "interrupted_early": 1}
 
@@ -135,11 +139,11 @@ def test_whoever_is_erased_after_closing_is_counted_where_their_figure_is_missin
     assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
     forget(path, study["done"])
     data = load(path, "dunes")
-    found = data.arrivals
-    assert (found.erased, found.erased_after_closing, found.erased_finishers) == (2, 1, 1)
+    arrivals = data.arrivals
+    assert (arrivals.erased, arrivals.erased_after_closing, arrivals.erased_finishers) == (2, 1, 1)
     report = build(data)
     (group,) = report.groups
-    assert group.flow.arrivals == found
+    assert group.flow.arrivals == arrivals
     missing = [item.detail for item in report.checklist if item.number in ("1.1", "3.2.2", "5.1.5")]
     assert all("2 more were erased, 1 of whom had ended all" in text for text in missing)
 
@@ -147,7 +151,7 @@ def test_whoever_is_erased_after_closing_is_counted_where_their_figure_is_missin
 def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_derived_again(
     tmp_path, capsys
 ):
-    """Each of them is counted once in the flow, `verify` and `reproduce` find no difference."""
+    """Everybody is counted once; `verify` and `reproduce` find no difference."""
     study, path = freeze(tmp_path / "play.db-studies", close=False), tmp_path / "play.db"
     with closing(StudyRecorder(path, study)) as recorder:
         people = [recorder.join(number, stage=stage) for number, stage in enumerate(
@@ -165,9 +169,11 @@ def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_
     forget(path, erased)
     assert verify_database(path).findings == ()
     out = tmp_path / "out"
-    where = ["--database", path]
+    database = ["--database", path]
     assert (
-        command(capsys, "release", "--study", "dunes", "--author", "Ada", "--out", out, *where)[0]
+        command(capsys, "release", "--study", "dunes", "--author", "Ada", "--out", out, *database)[
+            0
+        ]
         == 0
     )
     code, printed, _ = command(capsys, "reproduce", out)
@@ -188,7 +194,7 @@ def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_
     assert score == pytest.approx(everybody["score"]["mean"])
     assert everybodys_steps == pytest.approx(everybody["steps"]["mean"])
     assert group["attestation"]["episodes"]["spoilt"] == 1
-    assert any("were erased" in each or "was erased" in each for each in group["cautions"])
+    assert any("were erased" in caution or "was erased" in caution for caution in group["cautions"])
 
 
 def table(out, name):
@@ -197,7 +203,10 @@ def table(out, name):
 
 
 def released_estimates(out):
-    """Mean steps per protocol, and mean score and steps of everybody, from the released tables by their dictionary."""
+    """Three estimates, computed from the released tables by their dictionary.
+
+    Mean steps per protocol, and mean score and steps of everybody.
+    """
     report = json.loads((out / "report.json").read_text())
     worst, terrains = report["groups"][0]["worst"], report["protocol"]["ranked"]
     began = "finished gave_up excluded not_attested partly_bot stopped_by_rule failed withdrew interrupted left"
@@ -205,15 +214,19 @@ def released_estimates(out):
     ranked = [row for row in table(out, "episodes") if row["phase"] == "ranked"]
     finished, everybody = [], []
     for person in people:
-        own = [row for row in ranked if row["participant"] == person["participant"]]
+        episodes = [row for row in ranked if row["participant"] == person["participant"]]
         played = [
-            (float(row["score"]), float(row["steps_to_99"])) for row in own if not row["lowest"]
+            (float(row["score"]), float(row["steps_to_99"]))
+            for row in episodes
+            if not row["lowest"]
         ]
         lowest = [(worst["score"], worst["steps"])] * (terrains - len(played))
         everybody.append(np.mean(played + lowest, axis=0))
         if person["status"] == "finished":
-            spoilt = [row["attestation"] == "spoilt" for row in own]
-            steps = np.where(spoilt, worst["steps"], [float(row["steps_to_99"]) for row in own])
+            spoilt = [row["attestation"] == "spoilt" for row in episodes]
+            steps = np.where(
+                spoilt, worst["steps"], [float(row["steps_to_99"]) for row in episodes]
+            )
             finished.append(steps.mean())
     return np.mean(finished), np.mean(everybody, axis=0)
 
@@ -227,7 +240,10 @@ def raised(errors):
 def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_database(
     server, tmp_path, capsys, monkeypatch
 ):
-    """Nobody asks the server for the study: whoever has closed the tab counts as soon as the command has ended."""
+    """Whoever has closed the tab counts as soon as the command has ended.
+
+    Nobody asks the server for the study.
+    """
     from tests.support.study import Person
     from tests.support.study import freeze as freeze_small
 
@@ -236,8 +252,8 @@ def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_datab
     person.to_warm_up()
     person.call("next")
     path, fails = server.services.store.path, [sqlite3.OperationalError("disk I/O error")]
-    read = StudyStore.open_names
-    monkeypatch.setattr(StudyStore, "open_names", lambda own: raised(fails) or read(own))
+    read = StudyStore.unclosed_studies
+    monkeypatch.setattr(StudyStore, "unclosed_studies", lambda store: raised(fails) or read(store))
     eventually(lambda: not fails)
     words = ("study", "close", "small", "--yes", "--now", "--database", path)
     code, out, _ = command(capsys, *words)

@@ -1,4 +1,4 @@
-"""A study read from a real database: everything a figure needs, nothing of who somebody is."""
+"""A study read from a real database, without anything that identifies people."""
 
 import pytest
 
@@ -32,9 +32,9 @@ def test_people_and_trials_are_as_they_were_played(place):
     assert [event[1] for event in data.people[0].events] == ["joined", "stage", "answers", "order"]
     assert len(data.trials) == 3 * (1 + 2 + 3)
     first = next(
-        each
-        for each in data.trials
-        if (each.participant, each.phase, each.trial) == (people[0], "ranked", 0)
+        trial
+        for trial in data.trials
+        if (trial.participant, trial.phase, trial.trial) == (people[0], "ranked", 0)
     )
     assert (first.outcome, first.steps, first.steps_to_target) == (
         "abandoned",

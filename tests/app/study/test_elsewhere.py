@@ -1,7 +1,9 @@
 """Going on on another device: by a link or a recovery code, and nothing else."""
 
+import asyncio
 from contextlib import suppress
 
+import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed
 
@@ -9,10 +11,14 @@ from humanplay.study.data import load
 from humanplay.study.elsewhere import LINK_MS
 from humanplay.study.flow import devices_used
 from humanplay.study.verification import verify_database
+from humanplay.tasks.mars.run import occupancy_codes
+from humanplay.web import sockets
 from tests.support.command import command
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
+FREE, ROVER = 1, 2
+"""Codes of cells, as of `occupancy_codes`."""
 PLACE = "SELECT player_id, session_id, stage FROM participants WHERE consent_ms IS NOT NULL"
 BOARD = "SELECT player_id, owner_id FROM sessions"
 USED = "this link leads nowhere any more"
@@ -24,22 +30,31 @@ def playing(serve, tmp_path):
     """Somebody at the second move of a ranked episode, and their study."""
     arms = [{"name": "told", "instructions": "Walls first."}, {"name": "control"}]
     study = freeze(
-        tmp_path / "playground.db-studies", arms=arms, warm_up=0, flags={"most_devices": 1}
+        tmp_path / "playground.db-studies", arms=arms, warm_up=0, flags={"max_devices": 1}
     )
     person = Person(serve())
     person.to_warm_up()
     person.call("next")
-    moves(person, "south")
+    move(person)
     return person, study
 
 
-def moves(person, *actions):
+def move(person):
+    """Go to a free cell beside the rover, and return the frame."""
     with person.socket() as socket:
         frame = socket.receive("frame")
-        for action in actions:
-            socket.act(frame, action, input="key")
-            frame = socket.frame_after(frame["step"])
-        return frame
+        socket.act(frame, free_way(frame), input="key")
+        return socket.frame_after(frame["step"])
+
+
+def free_way(frame):
+    """The first action that leads to a free cell."""
+    codes = np.pad(occupancy_codes(frame), 1)
+    row, col = np.argwhere(codes == ROVER)[0]
+    beside = {"south": (1, 0), "east": (0, 1), "north": (-1, 0), "west": (0, -1)}
+    return next(
+        way for way, (down, right) in beside.items() if codes[row + down, col + right] == FREE
+    )
 
 
 def newcomer(person, client=None):
@@ -64,7 +79,7 @@ def test_another_device_goes_on_with_the_same_episode_and_the_one_before_stops_a
         frame = socket.receive("frame")
         new.call("go-on", brings)
         with suppress(ConnectionClosed):
-            socket.act(frame, "south", input="key")
+            socket.act(frame, free_way(frame), input="key")
         with pytest.raises(ConnectionClosed) as closed:
             socket.frame_after(frame["step"])
         assert closed.value.rcvd.code == 4404
@@ -73,7 +88,7 @@ def test_another_device_goes_on_with_the_same_episode_and_the_one_before_stops_a
     for same in ("participant", "session", "stage", "instructions", "ranked"):
         assert new.where[same] == state[same]
     assert new.frame == old.frame
-    assert moves(new, "south")["step"] == old.frame["step"] + 1
+    assert move(new)["step"] == old.frame["step"] + 1
     assert len(ask(path, PLACE)) == len(ask(path, BOARD)) == 1
     ((player, *_),) = ask(path, PLACE)
     assert ask(path, BOARD) == [(player, player)]
@@ -85,6 +100,23 @@ def test_another_device_goes_on_with_the_same_episode_and_the_one_before_stops_a
     assert devices_used(person.events) == 2
     levels = ask(path, "SELECT attestation FROM episodes WHERE ended_ms IS NOT NULL")
     assert set(levels[1:]) == {("attested",)}
+
+
+async def never_close(*_):
+    await asyncio.Event().wait()
+
+
+def test_a_device_that_was_left_makes_no_move_while_its_socket_is_still_open(playing, monkeypatch):
+    old, _ = playing
+    path = old.server.services.store.path
+    monkeypatch.setattr(sockets, "close", never_close)
+    with old.socket() as socket:
+        frame = socket.receive("frame")
+        newcomer(old).call("go-on", {"token": ticket(old)})
+        with suppress(ConnectionClosed):
+            socket.act(frame, free_way(frame), input="key")
+            socket.frame_after(frame["step"])
+    assert ask(path, "SELECT count(*) FROM steps") == [(1,)], "that of before"
 
 
 def test_a_link_holds_for_a_quarter_of_an_hour_and_for_one_device(playing):
@@ -134,9 +166,8 @@ def test_whoever_has_not_agreed_has_left_or_takes_part_already_moves_nobody(play
     other.call("withdraw")
     assert other.where["recovery_code"] is None
     assert "has not left" in newcomer(old).refused("go-on", {"code": other_code})
-    back = old
-    back.call("go-on", {"code": guest.me()["recovery_code"]})
-    assert back.me()["participant"] == guest.where["participant"]
+    old.call("go-on", {"code": guest.me()["recovery_code"]})
+    assert old.me()["participant"] == guest.where["participant"]
     guest.refused("next", status=404)
 
 

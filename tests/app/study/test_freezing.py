@@ -11,6 +11,7 @@ from humanplay.study.protocol import default_protocol
 from humanplay.study.verification import verify_database
 from tests.support.command import command, run
 from tests.support.declared import DECLARATIONS
+from tests.support.drafts import draft_of, edit_draft
 from tests.support.stored_studies import BEGAN, CONFIG, StudyRecorder, freezing_at, play_study
 
 REST = {
@@ -24,7 +25,7 @@ REST = {
 
 
 def frozen(tmp_path):
-    """Freeze a study by the command, and return its folder and the path of its database."""
+    """Freeze a study by the command; return its folder and its database's path."""
     folder, path = Folder(tmp_path / "play.db-studies"), tmp_path / "play.db"
     Store(path).close()
     folder.create(default_protocol("dunes", CONFIG, **REST))
@@ -36,8 +37,8 @@ def frozen(tmp_path):
 def test_freezing_prints_one_line_to_publish_with_both_hashes(tmp_path, capsys):
     folder = Folder(tmp_path / "play.db-studies")
     folder.create(default_protocol("dunes", CONFIG, **REST))
-    given = ("--underpowered", "--database", tmp_path / "play.db")
-    code, printed, _ = command(capsys, "study", "freeze", "dunes", *given)
+    options = ("--underpowered", "--database", tmp_path / "play.db")
+    code, printed, _ = command(capsys, "study", "freeze", "dunes", *options)
     study = folder.study("dunes")
     (line,) = (line for line in printed.splitlines() if study.protocol_hash in line)
     assert (code, study.commitment in line) == (0, True)
@@ -62,20 +63,19 @@ def test_a_time_of_freezing_that_was_changed_before_anybody_joined_is_found(tmp_
     )
     with closing(StudyRecorder(path, folder.study("dunes"))) as recorder:
         recorder.join(0, stage="ranked")
-    (found,) = verify_database(path).findings
-    assert (found.where, found.what) == ("series dunes", "what the chain says was frozen")
+    (finding,) = verify_database(path).findings
+    assert (finding.where, finding.what) == ("series dunes", "what the chain says was frozen")
 
 
 def test_a_consent_that_promises_erasure_is_not_frozen_where_episodes_are_kept(tmp_path, capsys):
     folder, database = Folder(tmp_path / "play.db-studies"), ("--database", tmp_path / "play.db")
     freeze = ("study", "freeze", "dunes", "--underpowered", *database)
     folder.create(default_protocol("dunes", CONFIG, **REST))
-    draft = folder.path("dunes") / "protocol.json"
-    protocol = json.loads(draft.read_text())
-    draft.write_text(json.dumps({**protocol, "keep_episodes_when_forgotten": True}))
+    draft = draft_of(folder.root, "dunes")
+    edit_draft(draft, keep_episodes_when_forgotten=True)
     code, _, error = command(capsys, *freeze)
     assert (code, "promises that what was played is erased on request" in error) == (2, True)
-    kept = default_protocol("dunes", CONFIG, **REST, keep_episodes_when_forgotten=True)
-    draft.write_text(json.dumps({**protocol, **kept.model_dump(mode="json", exclude_unset=True)}))
+    draft.unlink()
+    folder.create(default_protocol("dunes", CONFIG, **REST, keep_episodes_when_forgotten=True))
     assert command(capsys, *freeze)[0] == 0
     assert "erased, with the moves" not in folder.study("dunes").protocol.consent.text

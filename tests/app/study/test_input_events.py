@@ -1,4 +1,4 @@
-"""Input events of a study's episodes: each batch is answered, and kept once, however often it comes."""
+"""Input events of a study: each batch is answered, and stored once."""
 
 import hashlib
 import json
@@ -47,7 +47,10 @@ def at_a_board(server):
 
 
 def send_events(socket, episode, events, batch=None, load=LOAD):
-    """Send a batch and return what its answer says: (count, reason); without another id it is called by its content."""
+    """Send a batch, and return (count, reason) of the answer.
+
+    Without an ID it is named by its content.
+    """
     batch = batch or hashlib.sha256(json.dumps(events).encode()).hexdigest()
     message = {"kind": "events", "episode": episode, "batch": batch, **load, "events": events}
     socket.send(message)
@@ -57,7 +60,10 @@ def send_events(socket, episode, events, batch=None, load=LOAD):
 
 
 def kept(tmp_path):
-    """(number, kind, client_ms) of all that is kept, by episode; no row has lost its digest."""
+    """Episode -> (number, kind, client_ms) of each stored event.
+
+    No row has lost its digest.
+    """
     path = tmp_path / "playground.db"
     assert verify_database(path).findings == ()
     return ask(path, "SELECT number, kind, client_ms FROM input_events ORDER BY episode_id, number")
@@ -89,9 +95,9 @@ def test_a_key_that_neither_the_standard_nor_the_participant_names_is_kept_as_un
     with person.socket() as socket:
         send_events(socket, person.frame["episode"], [{**PRESS, "code": code} for code in codes])
     sql = "SELECT code FROM input_events ORDER BY number"
-    found = [code for (code,) in ask(tmp_path / "playground.db", sql)]
+    stored = [code for (code,) in ask(tmp_path / "playground.db", sql)]
     odd = "Unidentified"
-    assert found == [odd, "Odd1", "F24", "NumpadHash", odd, "west", odd]
+    assert stored == [odd, "Odd1", "F24", "NumpadHash", odd, "west", odd]
 
 
 def test_a_batch_sent_again_is_kept_once_whatever_came_between(person, tmp_path):
@@ -218,12 +224,12 @@ def test_what_cannot_be_kept_now_is_answered_without_a_reason(
         raise StudyError("protocol.json was changed after the study was frozen")
 
     with person.socket() as socket:
-        for where, what in (
+        for patched, failure in (
             ("humanplay.db.chain.append_late_events", fail),
             ("humanplay.study.folder.Folder.study", thaw),
         ):
             with monkeypatch.context() as patch:
-                patch.setattr(where, what)
+                patch.setattr(patched, failure)
                 assert send_events(socket, episode, BATCH) == (0, None)
         assert kept(tmp_path) == []
         assert send_events(socket, episode, BATCH) == (3, None)
@@ -244,18 +250,18 @@ def test_a_malformed_batch_is_an_error(person, tmp_path):
             "batch": "a-batch-id",
             **LOAD,
         }
-        for said, events in malformed.items():
+        for detail, events in malformed.items():
             socket.send({**message, "events": events})
-            assert said in socket.receive("error")["detail"]
+            assert detail in socket.receive("error")["detail"]
         for name in ("page_load", "tab"):
-            for said, drawn in (
+            for detail, drawn in (
                 (f'{name} must be at least 8 characters long, got "short"', "short"),
                 (f"{name} must be at most 64 characters long", "x" * 65),
                 (f"{name} must be text, got 7", 7),
                 ("an id must be without control characters", "a-load\n-id"),
             ):
                 socket.send({**message, "events": [PRESS], name: drawn})
-                assert said in socket.receive("error")["detail"]
+                assert detail in socket.receive("error")["detail"]
             socket.send({key: message[key] for key in message if key != name} | {"events": [PRESS]})
             assert f"{name} is missing" in socket.receive("error")["detail"]
     assert kept(tmp_path) == []

@@ -17,7 +17,7 @@ PEOPLE = 3
 LATEST_WRITE = 150
 """After so many writes a server has died."""
 ABOUT = {"title": "About you", "about": "you"}
-SLEEP = {"kind": "number", "name": "hours", "question": "How long did you sleep?", "most": 24}
+SLEEP = {"kind": "number", "name": "hours", "question": "How long did you sleep?", "maximum": 24}
 RESTED = {
     "kind": "likert",
     "name": "rested",

@@ -1,4 +1,4 @@
-"""Nothing of an open study reaches anybody but its participants, and they see their own boards alone."""
+"""Nothing of an open study reaches anybody but its participants."""
 
 import io
 import json
@@ -34,10 +34,10 @@ def study(tmp_path):
 
 @pytest.fixture
 def played(server, study):
-    """A server with a participant at the debrief and one on a ranked episode, three moves in."""
+    """A server with a participant at the debrief and one within a ranked episode."""
     done, person = Person(server, outside_ids={"PROLIFIC_PID": "secret-pid-1"}), Person(server)
-    for each in (done, person):
-        each.to_warm_up()
+    for somebody in (done, person):
+        somebody.to_warm_up()
     done.play_on()
     person.play_on(until=("ranked",))
     person.call("next")
@@ -53,12 +53,12 @@ def secrets_of(study):
     return [
         study.secret.hex(),
         *map(str, seeds),
-        *(packbits(each).tobytes().hex() for each in maps),
+        *(packbits(map_).tobytes().hex() for map_ in maps),
     ]
 
 
 def public_urls(server, episodes):
-    """Every GET of the schema without a body of its own, filled with the ids of the study."""
+    """Every GET of the schema without a body, filled with the IDs of the study."""
     for path, calls in server.app.openapi()["paths"].items():
         if "get" not in calls:
             continue
@@ -92,9 +92,13 @@ def test_no_public_endpoint_tells_anything_of_an_open_studys_episodes(server, st
             url = re.sub(r"\{session_id\}", person.where["session"], url)
         for who in ("", "?who=human", "?limit=200"):
             answer = stranger.get(url + who)
-            allowed = {each for each in hidden if each in url}  # a 404 may name what was asked for
-            found = [each for each in hidden if each not in allowed and each in answer.text]
-            assert not found, (url, found)
+            allowed = {
+                secret for secret in hidden if secret in url
+            }  # a 404 may name what was asked for
+            leaked = [
+                secret for secret in hidden if secret not in allowed and secret in answer.text
+            ]
+            assert not leaked, (url, leaked)
             assert answer.status_code in (200, 404, 409, 422), (url, answer.status_code)
             if url == "/api/me/session":
                 assert answer.text == "null"  # a stranger has no board of the page
@@ -121,7 +125,7 @@ def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_on
     done, person = played
     texts = [done.client.get(f"{done.url}/debrief/{index}").text for index in range(2)]
     texts += [json.dumps(done.me()), json.dumps(person.me()), done.client.get("/api/episodes").text]
-    assert not [each for each in secrets_of(study) if any(each in text for text in texts)]
+    assert not [secret for secret in secrets_of(study) if any(secret in text for text in texts)]
     assert person.client.get(f"{person.url}/debrief/0").status_code == 409
     assert person.client.get(f"/api/sessions/{done.where['session']}").status_code == 404
     running = person.client.get(f"/api/episodes/{person.frame['episode']}")
@@ -147,11 +151,11 @@ def test_once_the_study_is_closed_its_episodes_are_public_and_the_debrief_shows_
     count = done.me()["debrief"]["ranked_terrains"]
     assert count == len(done.me()["debrief"]["episodes"]) > 0
     for index in range(count):
-        found = done.client.get(f"{done.url}/debrief/{index}?phase=ranked").json()
-        own, its = found["own"], found["policy"]["frames"]
+        debrief = done.client.get(f"{done.url}/debrief/{index}?phase=ranked").json()
+        mine, its = debrief["own"], debrief["policy"]["frames"]
         trial = done.me()["debrief"]["episodes"][index]
-        assert (own[-1]["step"], own[-1]["outcome"]) == (trial["steps"], trial["outcome"])
-        assert (own[0]["grid"], its[0]["step"]) == (its[0]["grid"], 0), (
+        assert (mine[-1]["step"], mine[-1]["outcome"]) == (trial["steps"], trial["outcome"])
+        assert (mine[0]["grid"], its[0]["step"]) == (its[0]["grid"], 0), (
             "the policy drives on the same terrain"
         )
         assert (
@@ -201,10 +205,10 @@ def check_that_it_is_unknown(server, session, frame, client):
 
 
 def check_that_the_view_is_unknown(server, session, client):
-    cookies = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
+    cookies = "; ".join(f"{cookie.name}={cookie.value}" for cookie in client.cookies.jar)
     url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
-    given = {"additional_headers": {"Cookie": cookies}, "origin": server.url, "proxy": None}
-    with connect(url, subprotocols=[PROTOCOL], **given) as view:
+    options = {"additional_headers": {"Cookie": cookies}, "origin": server.url, "proxy": None}
+    with connect(url, subprotocols=[PROTOCOL], **options) as view:
         with pytest.raises(ConnectionClosed) as closed:
             view.recv(timeout=PATIENCE_S)
         assert closed.value.rcvd.code == 4404
@@ -250,11 +254,11 @@ SHOWN_TO_THE_OPERATOR = r'("(?:minutes|connections)":)\d+'
 
 @pytest.fixture
 def open_study(serve, study):
-    """A server with an operator; one plays the ranked episodes of an open study, another has come to the warm-up."""
+    """A server with an operator, one person at ranked episodes and one at the warm-up."""
     server = serve(admin_password=PASSWORD)
     playing, other = Person(server), Person(server)
-    for each in (playing, other):
-        each.to_warm_up()
+    for somebody in (playing, other):
+        somebody.to_warm_up()
     playing.play_on(until=("ranked",))
     playing.call("next")
     operator = server.page()
@@ -267,7 +271,7 @@ def open_study(serve, study):
 
 
 def all_reads(server, person):
-    """Every GET of the app, of the schema or not, filled with what belongs to the person's episode and study."""
+    """Every GET of the app, in the schema or not, filled with the person's IDs."""
     ids = {"session_id": person.where["session"], "watch_id": person.frame["episode"],
            "episode_id": person.frame["episode"], "name": "small", "index": "0", "table": "episodes", "form": "html",
            "board": "1", "day": "2026-11-22", "token": "none", "env": "none", "version": "none", "file": "small-report.json",
@@ -285,8 +289,11 @@ def unzipped(content):
 
 
 def answers(server, person, clients):
-    """What everybody but the participant is answered, by who asks and for what; times and the server's health left out."""
-    found = {}
+    """What everybody but the participant is answered, by who asks and for what.
+
+    Times and the server's health are left out.
+    """
+    texts = {}
     with person.socket():  # a board that nobody is at is not live
         for path, url in all_reads(server, person):
             for who, client in clients.items():
@@ -302,12 +309,12 @@ def answers(server, person, clients):
                         for key, part in json.loads(text).items()
                         if key not in OF_THE_MOMENT
                     }
-                found[who, path] = text
-    return found
+                texts[who, path] = text
+    return texts
 
 
 def test_what_a_participant_does_in_a_ranked_episode_changes_no_answer_to_anybody_else(open_study):
-    """The operator included: the same is answered after one move and after three episodes of the study."""
+    """The operator, too, gets the same after one move and after three episodes."""
     server, person, clients = open_study
     person.play(moves=1)
     first = answers(server, person, clients)
@@ -388,30 +395,30 @@ def test_no_command_tells_the_operator_anything_of_a_ranked_episode(open_study, 
     """What they print and write is the same after one ranked episode and after two."""
     server, person, _ = open_study
     person.play()
-    said = [printed(capsys, server, tmp_path / "first")]
+    outputs = [printed(capsys, server, tmp_path / "first")]
     person.call("next")
     person.play(moves=3)
-    said.append(printed(capsys, server, tmp_path / "second"))
-    assert said[0] == said[1]
-    refused = said[0]["study power small --pilot small"][0]
+    outputs.append(printed(capsys, server, tmp_path / "second"))
+    assert outputs[0] == outputs[1]
+    refused = outputs[0]["study power small --pilot small"][0]
     assert "shows no figure until it is closed" in refused
     assert (
         "left out, since they are open: small (--open-studies"
-        in said[0]["export --out {out}/all"][0]
+        in outputs[0]["export --out {out}/all"][0]
     )
 
 
 def printed(capsys, server, out):
-    """What each command prints, and the files that it writes, without times and whole counts."""
+    """What each command prints and writes to files, without times and whole counts."""
     out.mkdir()
-    found = {}
+    outputs = {}
     for words in READING:
-        where = "--database", server.services.store.path
-        _, text, error = command(capsys, *words.format(out=out).split(), *where)
+        database = "--database", server.services.store.path
+        _, text, error = command(capsys, *words.format(out=out).split(), *database)
         files = [re.sub(NOT_OF_EPISODES, "", path.read_text()) for path in sorted(out.rglob("*.*"))]
         spoken = re.sub(NOT_OF_EPISODES, "", text + error, flags=re.M).replace(str(out), "OUT")
-        found[words] = spoken, files
-    return found
+        outputs[words] = spoken, files
+    return outputs
 
 
 def test_an_export_of_an_open_study_is_asked_for_and_stands_in_the_chain_and_the_report(
@@ -430,5 +437,5 @@ def test_an_export_of_an_open_study_is_asked_for_and_stands_in_the_chain_and_the
     data = load(path, "small")
     assert len(data.exports_ms) == 1
     day = datetime.now(UTC).date().isoformat()
-    told = f"Its episodes were exported while it was open, on {day}"
-    assert [each for each in cautions(data, build(data).groups[0]) if told in each]
+    sentence = f"Its episodes were exported while it was open, on {day}"
+    assert [caution for caution in cautions(data, build(data).groups[0]) if sentence in caution]

@@ -1,4 +1,4 @@
-"""An open study shows progress and no figures of people; a closed one shows everything."""
+"""An open study shows progress and no figures; a closed one shows everything."""
 
 import numpy as np
 import pytest

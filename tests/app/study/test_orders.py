@@ -1,4 +1,4 @@
-"""Participants take the rows of a Latin square in turn; the rows outlive restarts, and `verify` holds each order to its row."""
+"""Participants take the rows of a Latin square in turn, and `verify` checks it."""
 
 import json
 
@@ -71,8 +71,8 @@ def test_another_row_than_the_one_played_is_found_also_where_the_digest_was_made
     recorder.conn.execute("UPDATE stage_events SET detail = ? WHERE kind = 'order'", [detail])
     chain.append(recorder.conn, "participant", participant)
     recorder.store.close()
-    found = [str(finding) for finding in verify_database(tmp_path / "play.db").findings]
+    findings = [str(finding) for finding in verify_database(tmp_path / "play.db").findings]
     assert any(
-        "order of ranked instances" in each or "number in the Latin square" in each
-        for each in found
-    ), found
+        "order of ranked instances" in sentence or "number in the Latin square" in sentence
+        for sentence in findings
+    ), findings

@@ -1,4 +1,4 @@
-"""What people read at their end: codes, addresses and sentences that no protocol and no export holds."""
+"""What people read when they finish or leave: codes, addresses and sentences."""
 
 import json
 from contextlib import closing
@@ -12,13 +12,15 @@ from humanplay.study.data import load
 from humanplay.study.flow import Status
 from humanplay.study.folder import Folder
 from humanplay.study.outcome import Outcome
-from humanplay.study.outcomes import ending
+from humanplay.study.outcomes import change_texts, ending, read_texts
 from humanplay.study.payments import payments_of
-from humanplay.study.protocol import Payment, StudyError
+from humanplay.study.protocol import StudyError
+from humanplay.study.protocol_parts import Payment
 from tests.support.command import command
 from tests.support.recorded import alter, ask
 from tests.support.study import Person, freeze
 
+BACK = "https://app.prolific.com/submissions/complete?cc="
 PROLIFIC_ID = "5f3e0c9a1b2d4e6f8a7b9c0d"
 FROM_PROLIFIC = {"PROLIFIC_PID": PROLIFIC_ID, "STUDY_ID": "6" * 24, "SESSION_ID": "7" * 24}
 OUTCOME_OF = {
@@ -59,11 +61,10 @@ def test_each_outcome_has_its_own_code_address_or_sentence(serve, tmp_path):
     assert {person.where["ending"] for person in people} == {None}
     finisher.to_warm_up()
     finisher.play_on()
-    back = "https://app.prolific.com/submissions/complete?cc="
-    done = {"outcome": "finished", "code": "C1DONE", "address": f"{back}C1DONE", "sentence": None}
+    done = {"outcome": "finished", "code": "C1DONE", "address": f"{BACK}C1DONE", "sentence": None}
     assert finisher.where["ending"] == done
     decliner.call("consent", NO)
-    declined = {"outcome": "no_consent", "code": "C2NO", "address": f"{back}C2NO", "sentence": None}
+    declined = {"outcome": "no_consent", "code": "C2NO", "address": f"{BACK}C2NO", "sentence": None}
     assert decliner.where["ending"] == declined
     leaver.to_tutorial()
     leaver.call("withdraw")
@@ -95,7 +96,7 @@ def test_a_study_that_is_closed_tells_those_on_their_way_that_it_stopped_them(se
 
 
 @pytest.mark.parametrize(
-    ("protocol", "texts", "said"),
+    ("protocol", "texts", "reason"),
     [
         ({"platform": "prolific"}, {}, "people come from Prolific, and nothing leads them back"),
         ({"platform": "prolific"}, {"finished": "Thank you."}, "nothing leads them back"),
@@ -103,6 +104,7 @@ def test_a_study_that_is_closed_tells_those_on_their_way_that_it_stopped_them(se
         ({"platform": "prolific"}, {"finished": "C1", "left": "C1"}, "two outcomes have the code C1"),
         ({"platform": "sona"}, {"finished": "https://x.example/?s={surveycode}"}, "{surveycode}, which nothing fills in"),
         ({"platform": "sona"}, {"finished": "https://x.example/?s={survey_code"}, "a brace without its pair"),
+        ({"platform": "sona"}, {"finished": "https://x.example/?e=1&survey_code=XXXX"}, "has the same survey_code for"),
         ({"platform": "connect"}, {}, "with the address that gives credit"),
         ({}, {"fnished": "C1"}, "expected one of finished, unfit_device"),
         ({}, {"no_consent": "Write to us, with {code}."}, "no_consent has {code}, but nothing is stored of"),
@@ -111,14 +113,23 @@ def test_a_study_that_is_closed_tells_those_on_their_way_that_it_stopped_them(se
         ({}, {"left": "Thanks, {code!r}."}, "left has more than a name within braces"),
     ],
 )  # fmt: skip
-def test_no_study_is_frozen_whose_people_would_not_come_back(tmp_path, protocol, texts, said):
+def test_no_study_is_frozen_whose_people_would_not_come_back(tmp_path, protocol, texts, reason):
     ids = (
         {} if protocol.get("platform") in (None, "prolific") else {"outside_ids": ids_of(protocol)}
     )
     recruitment = "panel" if protocol else "open"
     with pytest.raises(StudyError) as refusal:
         freeze(tmp_path, recruitment=recruitment, outcomes=texts, **protocol, **ids)
-    assert said in str(refusal.value)
+    assert reason in str(refusal.value)
+
+
+def test_the_address_that_prolific_shows_beside_a_code_stands_for_the_code(tmp_path):
+    texts = {"finished": f"{BACK}C1DONE", "withdrew": "C2LEFT"}
+    study = for_prolific(tmp_path, **texts)
+    folder = tmp_path / "playground.db-studies" / study.name
+    assert read_texts(folder) == {Outcome.FINISHED: "C1DONE", Outcome.WITHDREW: "C2LEFT"}
+    with pytest.raises(StudyError, match="two outcomes have the code C1DONE"):
+        change_texts(folder, study.protocol, {"withdrew": f"{BACK}C1DONE"}, is_frozen=True)
 
 
 def ids_of(protocol):
@@ -137,8 +148,8 @@ def test_a_persons_own_id_goes_back_in_the_address_and_nothing_of_it_acts_there(
         outcomes={"finished": address},
     )  # fmt: skip
     texts = {Outcome.FINISHED: address}
-    found = ending(study.protocol, texts, Outcome.FINISHED, {"survey_code": "1&a=2"}, None)
-    assert found.address == address.replace("{survey_code}", "1%26a%3D2")
+    shown = ending(study.protocol, texts, Outcome.FINISHED, {"survey_code": "1&a=2"}, None)
+    assert shown.address == address.replace("{survey_code}", "1%26a%3D2")
 
 
 def test_texts_change_while_people_come_and_only_that_they_changed_is_noted(
@@ -188,10 +199,7 @@ def test_whoever_uses_up_their_tries_at_the_questions_does_not_go_on(serve, tmp_
     texts = {"failed_questions": "C3FAILED"}
     freeze(tmp_path / "playground.db-studies", question_tries=2, outcomes=texts)
     person = Person(serve())
-    person.to_tutorial()
-    person.call("next")
-    person.call("give-up", {"episode": person.frame["episode"], "step": person.frame["step"]})
-    person.call("advance", {"from": "tutorial"})
+    person.to_questions()
     wrong = {"answers": [1, 0, 0]}
     assert person.where["tries_left"] == 2
     person.call("answers", wrong)
@@ -203,8 +211,8 @@ def test_whoever_uses_up_their_tries_at_the_questions_does_not_go_on(serve, tmp_
 
 
 def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys):
-    """Everybody who agreed has in the list of payments the outcome that their status in the report stands for."""
-    practice = {"reach": 1, "tries": 1}
+    """The outcome in the list of payments follows from the status in the report."""
+    practice = {"episodes_to_pass": 1, "tries": 1}
     freeze(tmp_path / "playground.db-studies", question_tries=2, practice=practice)
     server = serve()
     finisher, quitter, early, gone, busy, wrong, untrained, broken, stopped = people = [
@@ -219,10 +227,7 @@ def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys)
     early.to_tutorial()
     early.call("withdraw")
     gone.to_tutorial()
-    wrong.to_tutorial()
-    wrong.call("next")
-    wrong.call("give-up", {"episode": wrong.frame["episode"], "step": wrong.frame["step"]})
-    wrong.call("advance", {"from": "tutorial"})
+    wrong.to_questions()
     for _ in range(2):
         wrong.call("answers", {"answers": [1, 0, 0]})
     untrained.to_warm_up()
@@ -266,7 +271,7 @@ def test_the_outcomes_of_a_list_are_those_of_the_report(serve, tmp_path, capsys)
 def test_an_amount_is_named_only_where_the_list_pays_exactly_it(tmp_path):
     """Time counts for whoever we stop, and the platform pays a screen-out by itself."""
     amounts = {"withdrew": 1, "stopped_by_us": 2, "failed_questions": 3, "no_consent": 0.2}
-    paid = {"currency": "GBP", "hour": 9, "outcomes": amounts, "screen_out": "no_consent"}
+    paid = {"currency": "GBP", "hourly_rate": 9, "outcomes": amounts, "screen_out": "no_consent"}
     study = for_prolific(tmp_path, payment=paid)
     texts = {Outcome.FINISHED: "C1DONE"}
     shown = {
@@ -281,7 +286,7 @@ def test_an_amount_is_named_only_where_the_list_pays_exactly_it(tmp_path):
 
 @pytest.mark.parametrize("outcome", ["no_consent", "unfit_device"])
 def test_nobody_is_promised_an_amount_who_leaves_no_id(outcome):
-    with pytest.raises(ValueError, match=f"nothing is stored of whoever comes to {outcome}"):
+    with pytest.raises(ValueError, match=f"outcomes pays for {outcome}, but nothing is stored"):
         Payment(currency="GBP", outcomes={outcome: 0.2})
     assert Payment(currency="GBP", outcomes={outcome: 0.2}, screen_out=outcome)
 

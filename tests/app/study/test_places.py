@@ -72,9 +72,7 @@ def test_a_place_is_free_again_after_its_minutes_and_whoever_had_it_goes_on(serv
     third = Person(server)
     third.to_warm_up()
     assert Person(server).where["ending"]["outcome"] == "over_quota", "the finisher keeps a place"
-    slow.call("next")
-    slow.call("give-up", {"episode": slow.frame["episode"], "step": slow.frame["step"]})
-    slow.call("advance", {"from": "tutorial"})
+    slow.give_up_tutorial()
     slow.answer_questions()
     slow.play_on()
     assert slow.where["ending"]["outcome"] == "finished"
@@ -129,7 +127,10 @@ def test_over_quota_has_its_code_and_leaves_no_id_and_is_counted_everywhere(
 @pytest.mark.parametrize(
     ("protocol", "sentence"),
     [
-        ({"players": 10, "cap": 9}, "cap must be at least 10, who are planned; got 9"),
+        (
+            {"players": 10, "cap": 9},
+            "cap must be at least 10, the number of players planned; got 9",
+        ),
         (
             {"players": 25, "cap": 27, "platform": "prolific", "recruitment": "panel"},
             "cap must be at least 28, the 25 places on Prolific plus a tenth",
@@ -146,16 +147,16 @@ def test_check_and_preregistration_say_the_cap_and_caution_against_short_places(
     study = freeze(
         tmp_path / "playground.db-studies", cap=4, place_minutes=2, warm_up=20, ranked=30
     )
-    said = (
+    sentence = (
         "At most 4 people can agree to take part. The place of somebody who has not finished is free again 2 minutes "
         "after they agreed; they may still go on."
     )
     database = "--database", tmp_path / "playground.db"
     code, out, _ = command(capsys, "study", "check", "small", *database)
     assert code == 0
-    assert said in out
+    assert sentence in out
     assert "so that more than 4 may finish: raise place_minutes" in out
-    assert said in preregistration(study.protocol, study)
+    assert sentence in preregistration(study.protocol, study)
     freeze(tmp_path / "playground.db-studies", "free")
     code, out, _ = command(capsys, "study", "check", "free", *database)
     assert "At most" not in out

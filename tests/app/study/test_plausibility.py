@@ -137,7 +137,7 @@ def test_from_one_load_of_the_page_to_another_no_interval_is_counted():
 
 def test_an_episode_that_is_abandoned_almost_at_once_was_not_attempted():
     moves = [{"input": None, "server_ms": 1000 * k} for k in range(5)]
-    for made, outcome, labels in (
+    for count, outcome, labels in (
         (0, "abandoned", ("no attempt",)),
         (4, "abandoned", ("no attempt",)),
         (5, "abandoned", ()),
@@ -145,7 +145,7 @@ def test_an_episode_that_is_abandoned_almost_at_once_was_not_attempted():
         (1, "environment_failed", ()),
         (0, None, ()),
     ):
-        assert plausibility_labels(moves[:made], [], outcome=outcome) == labels, (made, outcome)
+        assert plausibility_labels(moves[:count], [], outcome=outcome) == labels, (count, outcome)
 
 
 def test_whoever_gives_every_terrain_up_at_once_is_labelled_and_in_no_strict_set(server, tmp_path):
@@ -169,6 +169,6 @@ def test_whoever_gives_every_terrain_up_at_once_is_labelled_and_in_no_strict_set
 
 def test_several_labels_stand_in_the_order_of_the_list():
     rows = presses([250 * k for k in range(30)], up=False, trusted=0)
-    found = plausibility_labels([], rows)
-    assert found == ("robotic timing", "no key-up", "untrusted")
-    assert [name for name in LABELS if name in found] == list(found)
+    labels = plausibility_labels([], rows)
+    assert labels == ("robotic timing", "no key-up", "untrusted")
+    assert [name for name in LABELS if name in labels] == list(labels)

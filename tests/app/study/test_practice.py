@@ -7,17 +7,21 @@ import pytest
 from humanplay.db.reader import Reader
 from humanplay.report.build import build
 from humanplay.study.data import load
+from humanplay.study.exclusion_rules import EXCLUSION, PER_PROTOCOL
 from humanplay.study.folder import Folder
 from humanplay.study.payments import payments_of
-from humanplay.study.protocol import EXCLUSION, PER_PROTOCOL, StudyError
+from humanplay.study.protocol import StudyError
 from humanplay.study.verification import verify_database
 from humanplay.web.simulate import Plan, simulate
 from tests.support.command import command
 from tests.support.study import Person, freeze
 
-TWICE = {"reach": 2, "tries": 2}
+TWICE = {"episodes_to_pass": 2, "tries": 2}
 PASSED = {**EXCLUSION[PER_PROTOCOL], "passed_practice": True}
-GO_ON = {"practice": {"reach": 1, "tries": 1, "then": "go_on"}, "exclusion": {"protocol": PASSED}}
+GO_ON = {
+    "practice": {"episodes_to_pass": 1, "tries": 1, "if_failed": "go_on"},
+    "exclusion": {"protocol": PASSED},
+}
 
 
 def practising(server):
@@ -52,7 +56,8 @@ def test_whoever_fails_every_try_at_the_practice_does_not_go_on_and_everybody_sa
 ):
     texts = {"failed_practice": "C5PRACTICE"}
     paid = {"currency": "GBP", "base": 3, "outcomes": {"failed_practice": 1.5}}
-    freeze(tmp_path / "playground.db-studies", practice=TWICE, outcomes=texts, payment=paid)
+    screening = {"practice": TWICE, "question_tries": 3}
+    freeze(tmp_path / "playground.db-studies", **screening, outcomes=texts, payment=paid)
     server = serve()
     failing, second, first = (practising(server) for _ in range(3))
     assert failing.where["practice"]["text"] == (
@@ -97,6 +102,10 @@ def test_whoever_fails_every_try_at_the_practice_does_not_go_on_and_everybody_sa
         "bots throughout." in group.cautions
     )
     items = {item.number: item for item in report.checklist}
+    assert "before the warm-up, in at most 3 attempts; criteria" in items["2.3"].detail
+    assert items["2.3"].detail.endswith(
+        f" Participants read: “{failing.where['practice']['text']}”"
+    )
     assert items["2.3.2"].answer == "1 of 3"
     assert "0 failed the questions on the instructions, 1 failed the practice." in (
         items["2.3.2"].detail
@@ -123,7 +132,7 @@ def test_who_fails_may_go_on_and_is_then_left_out_per_protocol_alone(serve, tmp_
 
 
 def test_an_episode_may_have_to_come_to_a_score(serve, tmp_path):
-    practice = {"reach": 1, "tries": 1, "score": 2}
+    practice = {"episodes_to_pass": 1, "tries": 1, "score": 2}
     freeze(tmp_path / "playground.db-studies", practice=practice)
     person = practising(serve())
     assert "at least 1 of its 2 terrains scores 2 or more" in person.where["practice"]["text"]
@@ -132,7 +141,7 @@ def test_an_episode_may_have_to_come_to_a_score(serve, tmp_path):
 
 
 def test_a_study_in_which_nobody_passed_has_no_figure_and_says_so(serve, tmp_path, capsys):
-    freeze(tmp_path / "playground.db-studies", practice={"reach": 1, "tries": 1})
+    freeze(tmp_path / "playground.db-studies", practice={"episodes_to_pass": 1, "tries": 1})
     gives_up(practising(serve()))
     sentence = build(closed(tmp_path, capsys)).sentence
     assert sentence == (
@@ -142,7 +151,7 @@ def test_a_study_in_which_nobody_passed_has_no_figure_and_says_so(serve, tmp_pat
 
 def test_synthetic_participants_are_screened_out_as_people_are(server, tmp_path):
     study = freeze(
-        tmp_path / "playground.db-studies", practice={"reach": 1, "score": 2, "tries": 2}
+        tmp_path / "playground.db-studies", practice={"episodes_to_pass": 1, "score": 2, "tries": 2}
     )
     summaries = []
     simulate(Plan(server.url, study.name, 1, speed=1e6), summaries)
@@ -152,9 +161,12 @@ def test_synthetic_participants_are_screened_out_as_people_are(server, tmp_path)
 @pytest.mark.parametrize(
     ("fields", "sentence"),
     [
-        ({"practice": {"reach": 3}}, "practice.reach must be at most warm_up, 2, got 3"),
         (
-            {"practice": {"reach": 1, "then": "go_on"}},
+            {"practice": {"episodes_to_pass": 3}},
+            "practice.episodes_to_pass must be at most warm_up, 2, got 3",
+        ),
+        (
+            {"practice": {"episodes_to_pass": 1, "if_failed": "go_on"}},
             "neither flags nor an exclusion set has the rule",
         ),
         ({"exclusion": {"protocol": PASSED}}, "there is no practice to pass"),

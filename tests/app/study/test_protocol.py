@@ -1,10 +1,11 @@
-"""A study before anybody plays: protocol and hash, seeds and commitment, freezing and closing, each mistake in words."""
+"""A study before anybody plays: protocol, seeds, freezing and closing."""
 
 import hashlib
 import hmac
 import itertools
 import json
 import os
+import shutil
 import stat
 from pathlib import Path
 
@@ -14,10 +15,12 @@ from humanplay.study.folder import Folder, StudyError
 from humanplay.study.protocol import canonical, default_protocol, parse_protocol, protocol_hash
 from humanplay.study.seeds import balanced_order, commitment, seed
 from humanplay.study.templates import fill
+from humanplay.study.translation import with_texts
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.policies import find_file
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE
+from tests.support.drafts import draft_of, edit_draft
 
 SMALL = EnvConfig.of("random", (7, 9))
 
@@ -80,7 +83,7 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "reason"),
     [
         ({"ranked": 0}, "ranked must be at least 1, got 0"),
         ({"name": "../x"}, "name"),
@@ -93,7 +96,7 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
             {"questions": [{"question": "?", "choices": ["a", "b"], "answer": 2}]},
             "index of a choice, 0 to 1, got 2",
         ),
-        ({"platform": "prolific"}, "expected recruitment panel, got open"),
+        ({"platform": "prolific"}, "recruitment must be panel"),
         (
             {"platform": "sona", "recruitment": "panel", "outside_ids": ["id"]},
             "sona sends survey_code",
@@ -105,10 +108,10 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
         ({"policy_hashes": {"ppo": "de42"}}, "policy_hashes"),
     ],
 )
-def test_a_wrong_field_is_named(wrong, said):
-    with pytest.raises(StudyError, match="the protocol does not hold") as error:
+def test_a_wrong_field_is_named(wrong, reason):
+    with pytest.raises(StudyError, match="the protocol is not valid") as error:
         parse_protocol({**json.loads(canonical(small())), **wrong})
-    assert said in str(error.value)
+    assert reason in str(error.value)
     assert "default" not in str(error.value)
 
 
@@ -136,7 +139,7 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
     assert (folder.status("small"), study.is_open, study.protocol) == (
         "open",
         True,
-        fill(small(policy_hashes=hashes)),
+        with_texts(small(policy_hashes=hashes), path.parent),
     )
     frozen_json = json.loads((path.parent / "frozen.json").read_text())
     assert set(frozen_json) == {
@@ -150,7 +153,9 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
     assert frozen_json["commitment"] == hashlib.sha256(study.secret).hexdigest()
     secret = path.parent / "secret"
     assert (len(secret.read_text().strip()), stat.S_IMODE(secret.stat().st_mode)) == (64, 0o600)
-    assert study.secret.hex() not in path.read_text() + json.dumps(frozen_json) + repr(study)
+    protocol_json = (path.parent / "protocol.json").read_bytes()
+    assert hashlib.sha256(protocol_json).hexdigest() == frozen_json["protocol_hash"]
+    assert study.secret.hex() not in protocol_json.decode() + json.dumps(frozen_json) + repr(study)
     assert len({*study.seeds()}) == 5
     closed = folder.close("small")
     assert (folder.status("small"), closed.is_open, closed.secret) == (
@@ -166,7 +171,7 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
 def test_anyone_can_recheck_a_closed_study_with_the_lines_of_the_guide(
     tmp_path, monkeypatch, capsys
 ):
-    text = (Path(__file__).parents[3] / "docs" / "study.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "how-a-study-works.md").read_text(encoding="utf-8")
     lines = text.split("```python\n")[1].split("```")[0]
     folder = Folder(tmp_path / "data" / "playground.db-studies")
     folder.create(small("pilot", title="Größe"))
@@ -182,7 +187,7 @@ def test_anyone_can_recheck_a_closed_study_with_the_lines_of_the_guide(
 
 def thaw(folder):
     path = folder.path("small") / "protocol.json"
-    path.write_text(path.read_text().replace('"ranked": 3', '"ranked": 4'))
+    path.write_text(path.read_text().replace('"ranked":3', '"ranked":4'))
 
 
 def lose_the_secret(folder):
@@ -198,7 +203,7 @@ def break_the_file(folder):
 
 
 @pytest.mark.parametrize(
-    ("harm", "said"),
+    ("harm", "reason"),
     [
         (thaw, "thawed protocol"),
         (lose_the_secret, "damaged"),
@@ -206,28 +211,28 @@ def break_the_file(folder):
         (break_the_file, "is not JSON"),
     ],
 )
-def test_a_frozen_study_that_was_touched_is_refused(frozen, harm, said):
+def test_a_frozen_study_that_was_touched_is_refused(frozen, harm, reason):
     assert frozen.study("small").is_open
     harm(frozen)
-    with pytest.raises(StudyError, match=said):
+    with pytest.raises(StudyError, match=reason):
         frozen.study("small")
 
 
-def test_spaces_and_the_order_of_keys_are_no_thaw(frozen):
-    path = frozen.path("small") / "protocol.json"
-    path.write_text(json.dumps(dict(reversed(json.loads(path.read_text()).items()))))
+def test_a_draft_that_is_edited_once_it_is_frozen_changes_nothing(frozen):
     study = frozen.study("small")
-    assert study.protocol == fill(small(policy_hashes=study.protocol.policy_hashes))
+    edit_draft(draft_of(frozen.root, "small"), ranked=4)
+    assert Folder(frozen.root).study("small") == study
+    assert frozen.draft("small") == study.protocol
 
 
 def test_mistakes_are_said_in_one_sentence(frozen):
-    for act, said in (
+    for act, sentence in (
         (lambda: frozen.study("none"), r"no study 'none' in .*; there are: small"),
         (lambda: frozen.path("a/b"), "a study's name is"),
         (lambda: frozen.create(small()), "there is a study 'small' already"),
         (lambda: frozen.freeze("small"), "is frozen already"),
     ):
-        with pytest.raises(StudyError, match=said):
+        with pytest.raises(StudyError, match=sentence):
             act()
     frozen.close("small")
     with pytest.raises(StudyError, match="is closed already, since"):
@@ -240,9 +245,7 @@ def test_mistakes_are_said_in_one_sentence(frozen):
         frozen.freeze("odd")
     assert frozen.status("odd") == "draft"
     (frozen.root / "other").mkdir()
-    (frozen.root / "other" / "protocol.json").write_text(
-        (frozen.path("small") / "protocol.json").read_text()
-    )
+    shutil.copy(draft_of(frozen.root, "small"), draft_of(frozen.root, "other"))
     with pytest.raises(StudyError, match="names the study 'small'"):
         frozen.draft("other")
 
@@ -301,7 +304,7 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("args", "code", "said"),
+    ("args", "code", "sentence"),
     [
         (["freeze", "none"], 2, "no study 'none'"),
         (["show", "none"], 2, "no study 'none'"),
@@ -313,9 +316,9 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
         (["list", "--sort"], 2, "No such option"),
     ],
 )
-def test_a_mistake_on_the_command_line_is_one_sentence(tmp_path, capsys, args, code, said):
+def test_a_mistake_on_the_command_line_is_one_sentence(tmp_path, capsys, args, code, sentence):
     result = run(capsys, *args, "--database", str(tmp_path / "playground.db"))
-    assert (result[0], said in result[2], result[2].count("\n")) == (code, True, 1), result[2]
+    assert (result[0], sentence in result[2], result[2].count("\n")) == (code, True, 1), result[2]
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")

@@ -5,8 +5,9 @@ import pytest
 from humanplay.report.build import build
 from humanplay.report.page import render
 from humanplay.study.data import load
+from humanplay.study.exclusion_rules import EXCLUSION, PER_PROTOCOL
 from humanplay.study.folder import Folder
-from humanplay.study.protocol import EXCLUSION, PER_PROTOCOL, StudyError, default_protocol
+from humanplay.study.protocol import StudyError, default_protocol
 from humanplay.study.screening import screening_cautions
 from marsexplorer.config import EnvConfig
 from tests.support.command import command
@@ -14,8 +15,8 @@ from tests.support.recorded import alter
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
-LEAST = {**EXCLUSION[PER_PROTOCOL], "least_minutes": 20}
-FLAGS = {"most_minutes": 90, "most_given_up": 0.4}
+LEAST = {**EXCLUSION[PER_PROTOCOL], "min_minutes": 20}
+FLAGS = {"max_minutes": 90, "max_given_up_share": 0.4}
 PASSWORD = "a password of the operator"
 
 
@@ -85,14 +86,41 @@ def test_the_operator_of_an_open_study_sees_flags_of_people_and_nothing_of_an_ep
     assert {name: people[slow][name] for name in hidden} == hidden
 
 
+@pytest.mark.parametrize("rules", ["flags", "exclusion"])
+def test_a_rule_reads_by_what_people_made_their_moves(serve, tmp_path, capsys, rules):
+    by_key = {**EXCLUSION[PER_PROTOCOL], "max_touch_share": 0.25}
+    fixed = {"flags": {"max_touch_share": 0.25}, "exclusion": {PER_PROTOCOL: by_key}}
+    freeze(tmp_path / "playground.db-studies", **{rules: fixed[rules]})
+    server = serve()
+    for ways in (("key", "key"), ("touch", "key"), ("touch", "touch")):
+        person = Person(server)
+        person.to_warm_up()
+        person.play_on(until=("ranked",), input="touch")
+        for way in ways:
+            person.call("next")
+            person.play(input=way)
+        person.play_on(input="key")
+    database = "--database", tmp_path / "playground.db"
+    assert command(capsys, "study", "close", "small", "--yes", "--now", *database)[0] == 0
+    server.stop()
+    (group,) = build(load(tmp_path / "playground.db", "small")).groups
+    words = "in no ranked episode more than 25 % of the moves were made by touch"
+    if rules == "flags":
+        assert (group.figure.players, group.flags) == (3, {words: 2})
+    else:
+        assert (group.figure.players, group.everybody.players) == (1, 3)
+        assert words in group.figure.rule
+
+
 @pytest.mark.parametrize(
     ("flags", "sentence"),
     [
-        ({"least_minutes": 9, "most_minutes": 9}, "least_minutes must be at least 0 and below"),
-        ({"most_minutes": True}, "the rule most_minutes takes a number, got True"),
-        ({"most_given_up": False}, "the rule most_given_up takes a number, got False"),
+        ({"min_minutes": 9, "max_minutes": 9}, "min_minutes must be at least 0 and below"),
+        ({"max_minutes": True}, "the rule max_minutes takes a number, got True"),
+        ({"max_given_up_share": False}, "the rule max_given_up_share takes a number, got False"),
         ({"no_labels": 1}, "the rule no_labels takes true or false, got 1"),
         ({"max_pause_share": 1.5}, "the rule max_pause_share takes a share, 0 to 1, got 1.5"),
+        ({"max_touch_share": 2}, "the rule max_touch_share takes a share, 0 to 1, got 2"),
     ],
 )
 def test_a_rule_without_a_bound_of_its_kind_is_refused(tmp_path, flags, sentence):
@@ -122,7 +150,7 @@ def test_a_screen_out_that_comes_late_or_is_paid_too_little_is_warned_of(
             EnvConfig.of("random", 21),
             platform="prolific",
             recruitment="panel",
-            practice={"reach": 10},
+            practice={"episodes_to_pass": 10},
             device="computer",
             question_tries=2,
             payment=paid,
@@ -134,7 +162,7 @@ def test_a_screen_out_that_comes_late_or_is_paid_too_little_is_warned_of(
     assert (code, len(cautions)) == (0, len(sentences)), text
     for caution, sentence in zip(cautions, sentences, strict=True):
         assert sentence in caution
-    assert "Freezing needs what only you know" in text
+    assert "To write below [declarations]" in text
 
 
 @pytest.mark.parametrize(
@@ -143,7 +171,7 @@ def test_a_screen_out_that_comes_late_or_is_paid_too_little_is_warned_of(
         ("unfit_device", {}),
         ("failed_questions", {}),
         ("failed_practice", {}),
-        ("failed_practice", {"practice": {"reach": 1, "then": "go_on"}, "flags": {"passed_practice": True}}),
+        ("failed_practice", {"practice": {"episodes_to_pass": 1, "if_failed": "go_on"}, "flags": {"passed_practice": True}}),
     ],
 )  # fmt: skip
 def test_a_screen_out_that_nobody_comes_to_is_warned_of(tmp_path, outcome, fields):

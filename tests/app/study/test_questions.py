@@ -1,4 +1,4 @@
-"""Blocks of questions: where they stand, what is refused, where answers lie, and what becomes of them."""
+"""Blocks of questions: where they are asked, what is refused and stored."""
 
 import sqlite3
 from contextlib import closing
@@ -19,8 +19,8 @@ ALL_KINDS = [
     {"kind": "likert", "name": "mood", "question": "How much?", "needed": True, "rows": ["calm", "awake"],
       "points": ["no", "so so", "yes"]},
     {"kind": "scale", "name": "load", "question": "How hard?", "steps": 21, "low": "not", "high": "very"},
-    {"kind": "number", "name": "hours", "question": "How long?", "least": 1, "most": 24, "unit": "hours"},
-    {"kind": "text", "name": "town", "question": "Where?", "most": 20},
+    {"kind": "number", "name": "hours", "question": "How long?", "minimum": 1, "maximum": 24, "unit": "hours"},
+    {"kind": "text", "name": "town", "question": "Where?", "max_length": 20},
     {"kind": "text", "name": "story", "question": "Why?", "needed": True, "long": True},
     {"kind": "statement", "name": "honest", "question": "I answered honestly.", "needed": True},
     {"kind": "attention", "name": "look", "question": "Choose the second.", "choices": ["one", "two"], "answer": 1},
@@ -58,7 +58,7 @@ def database(tmp_path):
 
 @pytest.fixture
 def asking(serve, database):
-    """`asking(*blocks)` serves a study with blocks and returns somebody who has joined it."""
+    """`asking(*blocks)` serves a study with blocks, and returns a new participant."""
 
     def make(*blocks, **rest):
         freeze(f"{database}-studies", blocks=blocks, **rest)
@@ -72,9 +72,9 @@ def agree(person):
 
 
 def test_a_synthetic_player_answers_a_fraction_and_a_short_text(asking):
-    share = {"kind": "number", "name": "share", "question": "Which share?", "most": 0.5}
-    initials = {"kind": "text", "name": "initials", "question": "Initials?", "most": 2}
-    questions = [{**share, "least": 0.25, "whole": False}, initials]
+    share = {"kind": "number", "name": "share", "question": "Which share?", "maximum": 0.5}
+    initials = {"kind": "text", "name": "initials", "question": "Initials?", "max_length": 2}
+    questions = [{**share, "minimum": 0.25, "whole": False}, initials]
     person = asking(block("first", questions=questions))
     agree(person)
     person.answer_block()
@@ -122,13 +122,13 @@ def test_scores_wait_for_the_last_questions_and_skipping_leads_to_the_code(askin
     person = asking(ask("one", at="after"), ask("two", at="after"))
     person.to_warm_up()
     person.play_on()
-    where = person.me()
-    assert (where["stage"], where["block"]["name"], where["debrief"]) == ("debrief", "one", None)
-    assert where["about"]["frame"]["score"] is None
+    state = person.me()
+    assert (state["stage"], state["block"]["name"], state["debrief"]) == ("debrief", "one", None)
+    assert state["about"]["frame"]["score"] is None
     assert person.client.get(f"{person.url}/debrief/0").status_code == 409
     # finished already, whatever becomes of the questions
     assert rows(database, "SELECT completed_ms IS NOT NULL FROM participants") == [(1,)]
-    assert where["ending"]["outcome"] == "finished"
+    assert state["ending"]["outcome"] == "finished"
     person.call("skip", {"block": "one", "turn": 0})
     assert (person.where["block"], len(person.where["debrief"]["episodes"])) == (None, 3)
     person.call("advance", {"from": "debrief"})
@@ -147,10 +147,10 @@ def test_other_blocks_cannot_be_skipped(asking):
 def test_every_kind_is_stored_as_numbers_or_as_text(asking, database):
     person = asking(block())
     agree(person)
-    shown = {each["name"]: each for each in person.where["block"]["questions"]}
+    shown = {question["name"]: question for question in person.where["block"]["questions"]}
     person.call("block", {"block": "about", "turn": 0, "answers": FULL})
     stored = rows(database, "SELECT question, part, answer, place FROM answers ORDER BY 1, 2")
-    place = [each["value"] for each in shown["colour"]["choices"]].index(3)
+    place = [question["value"] for question in shown["colour"]["choices"]].index(3)
     assert stored == [
         ("colour", 0, 3.0, place),
         ("devices", 0, 1.0, 0),
@@ -180,7 +180,7 @@ def test_the_browser_sees_no_right_answer_and_no_rule(asking):
     assert "attention" not in text
     assert "shown_if" not in text
     assert "'answer'" not in text
-    kinds = {each["name"]: each["kind"] for each in person.where["block"]["questions"]}
+    kinds = {question["name"]: question["kind"] for question in person.where["block"]["questions"]}
     assert kinds["look"] == kinds["hand"] == "choice"
 
 
@@ -189,14 +189,14 @@ def test_orders_are_drawn_for_unordered_choices_alone(asking):
     orders = set()
     for person in [first, *(Person(first.server) for _ in range(4))]:
         agree(person)
-        shown = {each["name"]: each for each in person.where["block"]["questions"]}
+        shown = {question["name"]: question for question in person.where["block"]["questions"]}
         values = {
-            name: tuple(each["value"] for each in one["choices"] or ())
+            name: tuple(question["value"] for question in one["choices"] or ())
             for name, one in shown.items()
         }
         orders.add(values["colour"])
         assert (values["hand"], values["devices"]) == ((0, 1), (0, 1, 2))
-        again = {each["name"]: each for each in person.me()["block"]["questions"]}
+        again = {question["name"]: question for question in person.me()["block"]["questions"]}
         assert again["colour"] == shown["colour"]
     assert len(orders) > 1
 

@@ -1,4 +1,4 @@
-"""Who gets into a study: forged, foreign, used and revoked links, two who agree at once, panels' ids, the operator's code."""
+"""Who gets into a study: invitations, panels' ids, the operator's code."""
 
 import json
 import shutil
@@ -14,7 +14,8 @@ from humanplay.db.merging import merge
 from humanplay.study.data import load
 from humanplay.study.folder import Folder
 from humanplay.study.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
-from humanplay.study.protocol import StudyError
+from humanplay.study.outcomes import change_texts
+from humanplay.study.protocol import StudyError, default_protocol
 from humanplay.study.recruitment import (
     DAY_MS,
     EMPTY,
@@ -32,7 +33,9 @@ from humanplay.study.recruitment import (
     code_of,
 )
 from humanplay.study.verification import verify_database
+from marsexplorer.config import EnvConfig
 from tests.support.command import command, run
+from tests.support.declared import DECLARATIONS
 from tests.support.page_loads import LOAD
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze
@@ -48,7 +51,7 @@ def invited(serve, tmp_path):
     def make(count=3):
         study = freeze(tmp_path / "playground.db-studies", recruitment="invitation")
         issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue("small", count)
-        return serve(), study, [token_of(study, each.id) for each in issued]
+        return serve(), study, [token_of(study, invitation.id) for invitation in issued]
 
     return make
 
@@ -67,11 +70,11 @@ def rows(server, sql, *values):
 
 def noted(server):
     """The reasons of the further joins on record, oldest first."""
-    found = rows(
+    details = rows(
         server,
         "SELECT detail FROM stage_events WHERE kind = 'repeated_join' ORDER BY at_ms, number",
     )
-    return [json.loads(detail)["reason"] for (detail,) in found]
+    return [json.loads(detail)["reason"] for (detail,) in details]
 
 
 def test_an_invitation_lets_one_person_in_and_opening_its_link_uses_nothing_up(invited):
@@ -87,15 +90,15 @@ def test_an_invitation_lets_one_person_in_and_opening_its_link_uses_nothing_up(i
     second.call("consent", YES)
     assert first.refused("consent", YES) == USED
     assert first.me()["note"] == USED, "the page can say so instead of the consent"
-    _, status, said = comes(server, invitation=token)
-    assert (status, said) == (409, USED)
+    _, status, reason = comes(server, invitation=token)
+    assert (status, reason) == (409, USED)
     assert noted(server) == ["invitation", "invitation"]
     assert second.call("join")["stage"] == "instructions", (
         "the same cookie goes on without the token"
     )
     assert second.call("join", {"invitation": token})["stage"] == "instructions"
-    (kept,) = rows(server, "SELECT invitation FROM participants WHERE consent_ms IS NOT NULL")
-    assert token.startswith(kept[0])
+    (used,) = rows(server, "SELECT invitation FROM participants WHERE consent_ms IS NOT NULL")
+    assert token.startswith(used[0])
 
 
 def test_declining_uses_nothing_up(invited):
@@ -113,11 +116,11 @@ def test_no_token_a_forged_one_and_one_of_another_study_let_nobody_in(invited, t
     other = freeze(tmp_path / "playground.db-studies", "other", recruitment="invitation")
     (foreign,) = Invitations(Folder(tmp_path / "playground.db-studies")).issue("other", 1)
     assert comes(server)[1:] == (409, NO_INVITATION)
-    own = token.split("-")[0]
-    unknown = next(ident for ident in (f"{a}ZZZ" for a in ALPHABET) if ident != own)
+    ident = token.split("-")[0]
+    unknown = next(free for free in (f"{a}ZZZ" for a in ALPHABET) if free != ident)
     forgeries = [
-        token[:-1] + ALPHABET[(ALPHABET.index(token[-1]) + 1) % 32], own, f"{own}-0000-0000-0000", "", "x" * 100, "é" * 19,
-        token_of(other, foreign.id), token_of(other, own), token_of(study, unknown), token + token,
+        token[:-1] + ALPHABET[(ALPHABET.index(token[-1]) + 1) % 32], ident, f"{ident}-0000-0000-0000", "", "x" * 100, "é" * 19,
+        token_of(other, foreign.id), token_of(other, ident), token_of(study, unknown), token + token,
     ]  # fmt: skip
     for forged in forgeries:
         assert comes(server, invitation=forged)[1:] == (409, WRONG_INVITATION), forged
@@ -191,8 +194,8 @@ def test_an_invitation_of_somebody_forgotten_stays_used_up_and_one_only_opened_d
     person.call("consent", YES)
     shy, _, _ = comes(server, invitation=unused)
     server.stop()
-    for each in (person, shy):
-        forget(tmp_path / "playground.db", each.where["participant"])
+    for somebody in (person, shy):
+        forget(tmp_path / "playground.db", somebody.where["participant"])
     assert token.split("-")[0].encode() not in (tmp_path / "playground.db").read_bytes()
     again = serve()
     assert comes(again, invitation=token)[1:] == (409, USED)
@@ -205,9 +208,9 @@ def test_an_invitation_used_on_two_servers_is_seen_once_their_databases_are_merg
     server, study, (token, *_) = invited()
     shutil.copytree(tmp_path / "playground.db-studies", tmp_path / "second.db-studies")
     people = [server, serve(database=tmp_path / "second.db")]
-    for each in people:
-        comes(each, invitation=token)[0].call("consent", YES)
-        each.stop()
+    for one_server in people:
+        comes(one_server, invitation=token)[0].call("consent", YES)
+        one_server.stop()
     _, twice = merge([tmp_path / "playground.db", tmp_path / "second.db"], tmp_path / "both.db")
     assert twice == 1
     assert [person.repeated for person in load(tmp_path / "both.db", study.name).people] == [
@@ -265,7 +268,7 @@ STUDY_LINK = {"STUDY_ID": "6" * 24, "SESSION_ID": "7" * 24}
 
 
 @pytest.mark.parametrize(
-    ("ids", "said"),
+    ("ids", "refusal"),
     [
         ({PID: ""}, EMPTY.format(name=PID)),
         ({PID: " "}, EMPTY.format(name=PID)),
@@ -278,12 +281,12 @@ STUDY_LINK = {"STUDY_ID": "6" * 24, "SESSION_ID": "7" * 24}
     ],
 )  # fmt: skip
 def test_an_id_that_is_none_of_the_platforms_is_refused_in_a_sentence_and_nothing_is_stored(
-    serve, tmp_path, ids, said
+    serve, tmp_path, ids, refusal
 ):
     freeze_for_prolific(tmp_path)
     server = serve()
     _, status, detail = comes(server, outside_ids={**STUDY_LINK, **ids})
-    assert (status, detail.startswith(said)) == (409, True), detail
+    assert (status, detail.startswith(refusal)) == (409, True), detail
     assert rows(server, "SELECT count(*) FROM participants") == [(0,)]
     assert comes(server, outside_ids={**STUDY_LINK, PID: PROLIFIC_ID, "utm": ["a", "b"]})[1] == 201
 
@@ -331,7 +334,7 @@ def test_an_id_that_is_too_long_is_refused_and_not_cut(serve, tmp_path):
     freeze(tmp_path / "playground.db-studies", outside_ids=("ID",))
     server = serve()
     _, status, detail = comes(server, outside_ids={"ID": "x" * 201})
-    assert (status, detail) == (409, TOO_LONG.format(name="ID"))
+    assert (status, detail) == (409, TOO_LONG.format(name="ID", most=200))
     assert comes(server, outside_ids={"ID": "x" * 200, "utm": "y" * 201})[1] == 201
     assert rows(server, "SELECT length(value) FROM identities") == [(200,)]
 
@@ -342,8 +345,8 @@ def test_the_newest_session_of_a_platform_is_kept(serve, tmp_path):
     person, _, _ = comes(server, outside_ids={**STUDY_LINK, PID: PROLIFIC_ID})
     person.call("consent", YES)
     person.call("join", {"outside_ids": {PID: PROLIFIC_ID, "SESSION_ID": "8" * 24}})
-    kept = dict(rows(server, "SELECT name, value FROM identities"))
-    assert kept == {PID: PROLIFIC_ID, "STUDY_ID": "6" * 24, "SESSION_ID": "8" * 24}
+    identities = dict(rows(server, "SELECT name, value FROM identities"))
+    assert identities == {PID: PROLIFIC_ID, "STUDY_ID": "6" * 24, "SESSION_ID": "8" * 24}
     assert verified(server)
 
 
@@ -361,7 +364,7 @@ def verified(server):
 
 def test_an_id_with_characters_that_nobody_sees_is_refused(serve, tmp_path):
     freeze(tmp_path / "playground.db-studies")
-    server, said = serve(), "an id must be without control characters, got "
+    server, refusal = serve(), "an id must be without control characters, got "
     person = Person(server)
     person.to_tutorial()
     person.call("next")
@@ -369,20 +372,20 @@ def test_an_id_with_characters_that_nobody_sees_is_refused(serve, tmp_path):
         for hidden in ("\0", "\n", "\x1b[2J", "\x7f", "\u202e", "\u200b"):
             for join in ({"outside_ids": {PID: f"5f1{hidden}"}}, {"script": f"me{hidden}"}):
                 _, status, detail = comes(server, **join)
-                assert (status, detail.startswith(said), hidden in detail) == (422, True, False)
+                assert (status, detail.startswith(refusal), hidden in detail) == (422, True, False)
             keys = {"north": ["KeyW"], "west": [f"KeyA{hidden}"]}
-            assert person.refused("settings", {"keys": keys}, status=422).startswith(said)
+            assert person.refused("settings", {"keys": keys}, status=422).startswith(refusal)
             batch = {**LOAD, "batch": f"batch-1{hidden}", "events": []}
             socket.send({"kind": "events", "episode": person.frame["episode"], **batch})
-            assert socket.receive("error")["detail"].startswith(said)
+            assert socket.receive("error")["detail"].startswith(refusal)
 
 
 def test_a_signed_panel_takes_each_signed_id_once_and_no_invented_one(serve, tmp_path, capsys):
     study = freeze(tmp_path / "playground.db-studies", recruitment="panel", panel_links="signed")
     ids = tmp_path / "ids.txt"
     ids.write_text("abc 5F1\n\nbcd\n", encoding="utf-8")
-    given = "study", "invite", study.name, "--ids", ids, "--url", "https://lab.example.org"
-    code, out, _ = command(capsys, *given, "--database", tmp_path / "playground.db")
+    invite = "study", "invite", study.name, "--ids", ids, "--url", "https://lab.example.org"
+    code, out, _ = command(capsys, *invite, "--database", tmp_path / "playground.db")
     assert code == 0
     links = [dict(parse_qsl(urlsplit(line).query)) for line in out.splitlines()]
     assert [link[PID] for link in links] == ["abc 5F1", "bcd"]
@@ -410,25 +413,42 @@ def test_a_signed_panel_takes_each_signed_id_once_and_no_invented_one(serve, tmp
 def test_links_that_were_made_are_printed_although_their_table_cannot_be_written(tmp_path, capsys):
     study = freeze(tmp_path / "playground.db-studies", recruitment="invitation")
     path = tmp_path / "playground.db"
-    given = "study", "invite", study.name, "--database", path
+    invite = "study", "invite", study.name, "--database", path
     path.mkdir()
-    assert command(capsys, *given, 2)[0] == 1, "a folder"
+    assert command(capsys, *invite, 2)[0] == 1, "a folder"
     path.rmdir()
     invitations = Invitations(Folder(tmp_path / "playground.db-studies"))
     assert invitations.of(study.name) == {}
-    code, out, said = command(capsys, *given, 2, "--csv", tmp_path)
-    links = [link_of(study, each, "http://127.0.0.1:8000") for each in invitations.of(study.name)]
+    code, out, error = command(capsys, *invite, 2, "--csv", tmp_path)
+    links = [link_of(study, ident, "http://127.0.0.1:8000") for ident in invitations.of(study.name)]
     assert (out.split(), len(links)) == (links, 2)
-    assert (code, "choose another --csv" in said) == (1, True)
+    assert (code, "choose another --csv" in error) == (1, True)
+
+
+def test_a_line_that_is_no_id_of_the_platform_keeps_nobody_out_in_silence(tmp_path, capsys):
+    folder = Folder(tmp_path / "playground.db-studies")
+    protocol = default_protocol(
+        "small", EnvConfig.of("random", 7), platform="prolific", recruitment="panel",
+        policies=("random",), debrief_policy="random", declarations=DECLARATIONS,
+    )  # fmt: skip
+    folder.create(protocol)
+    change_texts(folder.path("small"), protocol, {"finished": "C1DONE"}, is_frozen=False)
+    listed = tmp_path / "pilot.csv"
+    freezes = "study", "freeze", "small", "--underpowered", "--exclude-ids", listed
+    for strange in ("Participant id", f"{'5f' * 12},APPROVED"):
+        listed.write_text(f"{'6e' * 12}\n{strange}\n")
+        code, _, refusal = command(capsys, *freezes, "--database", tmp_path / "playground.db")
+        assert (code, f"on each line of {listed}, got '{strange}'" in refusal) == (2, True)
+    assert folder.status("small") == "draft"
 
 
 def test_a_list_of_ids_that_is_no_text_is_one_sentence(tmp_path, capsys):
     study = freeze(tmp_path / "playground.db-studies", recruitment="panel", panel_links="signed")
     (tmp_path / "ids").write_bytes(b"\xff\xfe5f1")
-    given = "study", "invite", study.name, "--ids", tmp_path / "ids"
-    where = "--database", tmp_path / "playground.db"
-    code, _, said = command(capsys, *given, *where)
-    assert (code, "is no text in UTF-8" in said, said.count("\n")) == (2, True, 1)
+    invite = "study", "invite", study.name, "--ids", tmp_path / "ids"
+    database = "--database", tmp_path / "playground.db"
+    code, _, error = command(capsys, *invite, *database)
+    assert (code, "is no text in UTF-8" in error, error.count("\n")) == (2, True, 1)
 
 
 def test_a_panel_without_an_outside_id_is_no_protocol(tmp_path):
@@ -503,19 +523,19 @@ def test_invitations_are_listed_by_id_alone_and_survive_a_damaged_command(tmp_pa
     invitations = Invitations(Folder(tmp_path / "playground.db-studies"))
     issued = invitations.issue("small", 4)
     text = (tmp_path / "playground.db-studies" / "small" / "invitations.json").read_text()
-    for each in issued:
-        assert each.id in text
-        assert token_of(study, each.id)[5:] not in text
+    for invitation in issued:
+        assert invitation.id in text
+        assert token_of(study, invitation.id)[5:] not in text
         assert (
-            link_of(study, each.id, "http://h/p/")
-            == f"http://h/p/study/small?invitation={token_of(study, each.id)}"
+            link_of(study, invitation.id, "http://h/p/")
+            == f"http://h/p/study/small?invitation={token_of(study, invitation.id)}"
         )
     for count in (0, -1, MAX_INVITATIONS):
         with pytest.raises(StudyError, match="expected 1 to"):
             invitations.issue("small", count)
     with pytest.raises(StudyError, match="has no invitation 'ZZZZ!'"):
         invitations.revoke("small", [issued[0].id, "ZZZZ!"])
-    assert all(each.revoked_ms is None for each in invitations.of("small").values())
+    assert all(invitation.revoked_ms is None for invitation in invitations.of("small").values())
     freeze(tmp_path / "playground.db-studies", "free", recruitment="open")
     with pytest.raises(StudyError, match="recruitment 'open'"):
         invitations.issue("free", 1)
@@ -533,7 +553,7 @@ def test_two_who_issue_at_once_lose_nothing(tmp_path):
             )
             for _ in range(8)
         ]
-        issued = {each.id for work in done for each in work.result()}
+        issued = {invitation.id for work in done for invitation in work.result()}
     assert set(Invitations(Folder(tmp_path / "playground.db-studies")).of("small")) == issued
     assert len(issued) == 40
 
@@ -549,9 +569,9 @@ def test_a_links_address_is_the_one_given_or_said_to_be_a_guess(tmp_path, capsys
         if public:
             monkeypatch.setenv("HUMANPLAY_PUBLIC_URL", public)
         assert run(*words, *more) == 0
-        said = capsys.readouterr()
-        assert said.out.startswith(f"{address}study/small?invitation=")
-        assert ("is a guess: give --url" in said.err) is guesses
+        printed = capsys.readouterr()
+        assert printed.out.startswith(f"{address}study/small?invitation=")
+        assert ("is a guess: give --url" in printed.err) is guesses
 
 
 def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, capsys):
@@ -562,9 +582,11 @@ def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, ca
     capsys.readouterr()
     assert run("study", "invite", "small", "2", "--url", "https://lab.example", *folder) == 0
     links = capsys.readouterr().out.split()
-    known = Invitations(Folder(tmp_path / "playground.db-studies"))
-    assert links == [link_of(study, ident, "https://lab.example") for ident in known.of("small")]
-    ident = next(iter(known.of("small")))
+    invitations = Invitations(Folder(tmp_path / "playground.db-studies"))
+    assert links == [
+        link_of(study, ident, "https://lab.example") for ident in invitations.of("small")
+    ]
+    ident = next(iter(invitations.of("small")))
     assert run("study", "revoke", "small", ident, *folder) == 0
     table, base = tmp_path / "links.csv", ["--database", str(tmp_path / "none.db"), *folder]
     capsys.readouterr()
@@ -592,9 +614,9 @@ def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, ca
     assert run("study", "supervise", "small", *folder) == 0
     code, until = capsys.readouterr().out.splitlines()
     assert (len(code), until[:11], until[-4:]) == (9, "valid until", " UTC")
-    for args, said in (
+    for args, error in (
         (["invite", "small"], "number of links"),
         (["revoke", "small", "nope"], "no invitation"),
     ):
         assert run("study", *args, *folder) == 2
-        assert said in capsys.readouterr().err
+        assert error in capsys.readouterr().err

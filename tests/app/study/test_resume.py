@@ -1,4 +1,4 @@
-"""A participant goes on exactly where they stopped, after a reload, in a second tab, after a lost connection or kill -9."""
+"""A participant goes on where they stopped, after a reload, a lost link or a kill."""
 
 import itertools
 import random
@@ -122,7 +122,10 @@ def test_a_participant_who_comes_back_after_a_week_goes_on(serve):
 
 
 def go_on(person, acts, dice):
-    """Go on for some acts: the next episode, or some moves by hand; return the last frame the participant saw."""
+    """Begin the next episode, or make some moves by hand, for some acts.
+
+    Returns the last frame that the participant saw.
+    """
     seen = None
     for _ in range(acts):
         if person.me()["stage"] not in ("warm_up", "ranked"):
@@ -149,14 +152,14 @@ def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_
     path = tmp_path / "playground.db"
     while person.me()["stage"] in ("warm_up", "ranked"):
         seen = go_on(person, dice.randrange(2, 6) if kills < 2 else 99, dice)
-        where = person.me()
+        state = person.me()
         server.kill()
         kills += 1
         server = spawn()
         person = Person(
             server, client=server.client(cookies=dict(person.client.cookies)), joins=False
         )
-        assert person.me() == where
+        assert person.me() == state
         assert seen is None or person.frame["episode"] == seen["episode"]
         counts = ask(path, "SELECT count(*), max(step) + 1 FROM steps GROUP BY episode_id")
         assert all(count == highest for count, highest in counts)

@@ -1,4 +1,4 @@
-"""Texts of a draft are templates: a frozen text says the protocol's own numbers, and no number is written by hand."""
+"""A frozen text has the protocol's own numbers, and no number is written by hand."""
 
 import json
 
@@ -9,6 +9,7 @@ from humanplay.study.protocol import StudyError, default_protocol, parse_protoco
 from humanplay.study.templates import PLACEHOLDERS, fill, placeholder_values
 from marsexplorer.config import EnvConfig
 from tests.support.declared import DECLARATIONS
+from tests.support.drafts import edit_draft
 
 CONFIG = EnvConfig.of("random", (7, 9), beta=0.965, sensor_radius=4)
 
@@ -43,7 +44,7 @@ def test_every_placeholder_has_a_value_and_every_value_is_the_protocols():
 
 def test_the_consent_says_what_the_practice_asks_for():
     protocol = default_protocol(
-        "small", EnvConfig.of("random", (7, 9)), warm_up=2, practice={"reach": 1}
+        "small", EnvConfig.of("random", (7, 9)), warm_up=2, practice={"episodes_to_pass": 1}
     )
     text = fill(protocol).consent.text
     assert (
@@ -81,15 +82,9 @@ def test_the_default_questions_name_the_coverage_that_the_config_asks_for():
 
 def test_a_draft_edited_to_another_number_promises_the_study_that_runs(tmp_path):
     folder = Folder(tmp_path)
-    known = {"warm_up": 2, "ranked": 30, "declarations": DECLARATIONS}
-    path = folder.create(default_protocol("small", CONFIG, data_licence="CC0-1.0", **known))
-    edited = {
-        **json.loads(path.read_text()),
-        "ranked": 4,
-        "warm_up": 1,
-        "data_licence": "CC-BY-4.0",
-    }
-    path.write_text(json.dumps(edited))
+    fields = {"warm_up": 2, "ranked": 30, "declarations": DECLARATIONS}
+    path = folder.create(default_protocol("small", CONFIG, data_licence="CC0-1.0", **fields))
+    edit_draft(path, ranked=4, warm_up=1, data_licence="CC-BY-4.0")
     study = folder.freeze("small")
     text = study.protocol.consent.text
     assert (
@@ -101,7 +96,8 @@ def test_a_draft_edited_to_another_number_promises_the_study_that_runs(tmp_path)
         False,
         True,
     )
-    assert json.loads(path.read_text())["consent"]["text"] == text
+    frozen = json.loads(path.with_name("protocol.json").read_bytes())
+    assert frozen["consent"]["text"] == text
     assert Folder(tmp_path).study("small").protocol.consent.text == text
 
 
@@ -113,7 +109,7 @@ def test_a_frozen_text_is_never_filled_again(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (
             "{rankd} rounds",
@@ -133,12 +129,12 @@ def test_a_frozen_text_is_never_filled_again(tmp_path):
         ("20 to 30 trials", "'30 trials'"),
     ],
 )
-def test_what_a_text_may_not_hold_is_said_and_nothing_is_frozen(tmp_path, text, said):
+def test_what_a_text_may_not_hold_is_said_and_nothing_is_frozen(tmp_path, text, message):
     folder = Folder(tmp_path)
     folder.create(draft(text))
     with pytest.raises(StudyError) as error:
         folder.freeze("small")
-    assert said in str(error.value)
+    assert message in str(error.value)
     assert (folder.status("small"), folder.draft("small").consent.text) == ("draft", text)
 
 
@@ -157,7 +153,7 @@ def test_other_numbers_are_left_alone(text):
 
 
 def test_the_title_and_the_questions_are_held_to_the_same():
-    for rest, where in (
+    for rest, place in (
         ({"title": "30 rounds on Mars"}, "title"),
         (
             {"questions": [{"question": "Why 30 rounds?", "choices": ["a", "b"], "answer": 0}]},
@@ -176,7 +172,7 @@ def test_the_title_and_the_questions_are_held_to_the_same():
             r"questions\[0\].why",
         ),
     ):
-        with pytest.raises(StudyError, match=f"{where} counts by hand"):
+        with pytest.raises(StudyError, match=f"{place} counts by hand"):
             fill(draft(**rest))
 
 
@@ -195,8 +191,8 @@ def test_a_filled_text_that_is_too_long_is_no_protocol():
 
 def test_blocks_are_named_in_the_consent_text_and_their_texts_are_filled():
     text = draft(consent="Answers.{asked}", blocks=["demographics", "exposure"])
-    asked = "your age, your gender and your education, and whether you had met this task before"
-    assert f"Answers. We also ask about {asked};" in fill(text).consent.text
+    asked = "your age, your gender and your education; whether you had met this task before"
+    assert f"Answers. We also ask about {asked}. You may" in fill(text).consent.text
     question = {
         "kind": "likert",
         "name": "q",

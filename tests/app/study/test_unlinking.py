@@ -1,6 +1,7 @@
-"""People are erased, unlinked and kept out while the server runs: nothing of them is left in any byte."""
+"""People are erased, unlinked and kept out: no byte of them is left."""
 
 import json
+import shutil
 from contextlib import closing, suppress
 
 from humanplay.db.reader import Reader
@@ -9,6 +10,7 @@ from humanplay.study.folder import Folder
 from humanplay.study.invitations import Invitations, token_of
 from humanplay.study.recruitment import KEPT_OUT
 from tests.support.command import command
+from tests.support.drafts import draft_of, edit_draft
 from tests.support.recorded import ask
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -42,9 +44,9 @@ def test_whoever_is_erased_while_the_server_runs_is_gone_and_kept_out_until_it_i
     (tmp_path / "backups").mkdir()
     backup = tmp_path / "backups" / "playground-20260101T000000Z.db"
     assert command(capsys, "backup", backup, "--database", tmp_path / "playground.db")[0] == 0
-    given = "forget", FIRST, "--yes", "--database", tmp_path / "playground.db"
-    code, said, _ = command(capsys, *given)
-    assert (code, f"backups that still hold them: {backup}" in said) == (0, True)
+    words = "forget", FIRST, "--yes", "--database", tmp_path / "playground.db"
+    code, printed, _ = command(capsys, *words)
+    assert (code, f"backups that still hold them: {backup}" in printed) == (0, True)
     backup.unlink()
     assert FIRST.encode() not in bytes_in(tmp_path)
     with suppress(Exception):  # their board is in memory still
@@ -69,13 +71,14 @@ def test_whoever_is_erased_while_the_server_runs_is_gone_and_kept_out_until_it_i
 def test_people_of_a_pilot_are_kept_out_by_hashes_alone(serve, tmp_path, capsys):
     folder = tmp_path / "playground.db-studies"
     freeze(folder, recruitment="panel")
-    draft = json.loads((folder / "small" / "draft.json").read_text())
     (folder / "again").mkdir()
-    (folder / "again" / "protocol.json").write_text(json.dumps({**draft, "name": "again"}))
+    draft = draft_of(folder, "again")
+    shutil.copy(draft_of(folder, "small"), draft)
+    edit_draft(draft, name="again")
     (tmp_path / "ids.txt").write_text(f"{PILOT}\n\n{SECOND}\n")
-    given = "study", "freeze", "again", "--underpowered", "--exclude-ids", tmp_path / "ids.txt"
-    code, said, _ = command(capsys, *given, "--database", tmp_path / "playground.db")
-    assert (code, "2 people of pilots are kept out" in said) == (0, True)
+    words = "study", "freeze", "again", "--underpowered", "--exclude-ids", tmp_path / "ids.txt"
+    code, printed, _ = command(capsys, *words, "--database", tmp_path / "playground.db")
+    assert (code, "2 people of pilots are kept out" in printed) == (0, True)
     (tmp_path / "ids.txt").unlink()
     assert PILOT.encode() not in bytes_in(tmp_path)
     server = serve()
@@ -89,8 +92,7 @@ def test_nobody_can_be_kept_out_by_an_id_that_no_link_has(tmp_path, capsys):
     folder = Folder(tmp_path / "playground.db-studies")
     freeze(tmp_path / "other", outside_ids=())
     (folder.root / "small").mkdir(parents=True)
-    draft = (tmp_path / "other" / "small" / "draft.json").read_text()
-    (folder.root / "small" / "protocol.json").write_text(draft)
+    shutil.copy(draft_of(tmp_path / "other", "small"), draft_of(folder.root, "small"))
     (tmp_path / "ids.txt").write_text(PILOT)
     asks = "study", "freeze", "small", "--underpowered", "--exclude-ids", tmp_path / "ids.txt"
     code, _, refusal = command(capsys, *asks, "--database", tmp_path / "playground.db")
@@ -119,11 +121,11 @@ def test_once_everybody_is_paid_nobody_can_be_told_from_the_study(serve, tmp_pat
     person.play_on()
     database = "--database", tmp_path / "playground.db"
     ((drawn,),) = ask(tmp_path / "playground.db", "SELECT completion_code FROM participants")
-    code, _, said = command(capsys, "study", "unlink", "small", "--yes", *database)
-    assert (code, "close it first" in said) == (2, True)
+    code, _, printed = command(capsys, "study", "unlink", "small", "--yes", *database)
+    assert (code, "close it first" in printed) == (2, True)
     command(capsys, "study", "close", "small", "--yes", "--now", *database)
-    code, said, _ = command(capsys, "study", "unlink", "small", "--yes", *database)
-    assert (code, "identifiers and codes of 1 person" in said) == (0, True)
+    code, printed, _ = command(capsys, "study", "unlink", "small", "--yes", *database)
+    assert (code, "identifiers and codes of 1 person" in printed) == (0, True)
     after = bytes_in(tmp_path)
     assert [text for text in (FIRST, drawn, "Thanks, {code}.") if text.encode() in after] == []
     assert command(capsys, "verify", *database)[0] == 0

@@ -90,12 +90,14 @@ def change(conn, table, column, row):
     return f"{table}.{column.name} was {old!r}, became {new!r}"
 
 
-@pytest.mark.parametrize(("table", "column"), COLUMNS, ids=lambda each: getattr(each, "name", each))
+@pytest.mark.parametrize(
+    ("table", "column"), COLUMNS, ids=lambda parameter: getattr(parameter, "name", parameter)
+)
 def test_a_change_to_any_stored_field_is_found(copy, table, column):
     conn, path = copy
-    said = change(conn, table, column, conn.execute(ROWS[table]).fetchone())
+    harm = change(conn, table, column, conn.execute(ROWS[table]).fetchone())
     result = verify_database(path)
-    assert result.findings, said
+    assert result.findings, harm
     assert result.failed >= 1
 
 
@@ -112,13 +114,13 @@ def test_a_change_to_any_stored_field_of_an_episode_is_found_and_the_episode_nam
             conn.execute("PRAGMA ignore_check_constraints = ON")
             rows = conn.execute(f"SELECT * FROM {table} GROUP BY {key} ORDER BY {key}").fetchall()
             at = TABLES[table].names().index(key)
-            made = [(row[at], change(conn, table, left.pop(), row)) for row in rows[: len(left)]]
+            changes = [(row[at], change(conn, table, left.pop(), row)) for row in rows[: len(left)]]
         named = " ".join(finding.where for finding in verify_database(path).findings)
-        assert [said for episode, said in made if episode not in named] == []
+        assert [harm for episode, harm in changes if episode not in named] == []
 
 
 @pytest.mark.parametrize(
-    ("table", "harm", "where"),
+    ("table", "harm", "ident_sql"),
     [
         ("players", "UPDATE players SET created_ms = created_ms + 1 WHERE id = (SELECT min(player_id) FROM participants)",
          "SELECT id FROM participants WHERE player_id = (SELECT min(player_id) FROM participants)"),
@@ -136,13 +138,15 @@ def test_a_change_to_any_stored_field_of_an_episode_is_found_and_the_episode_nam
          "SELECT min(id) FROM episodes"),
     ],
 )  # fmt: skip
-def test_a_change_that_follows_from_no_cause_is_named_by_table_and_id(copy, table, harm, where):
+def test_a_change_that_follows_from_no_cause_is_named_by_table_and_id(copy, table, harm, ident_sql):
     conn, path = copy
     conn.execute("PRAGMA foreign_keys = OFF")
-    (ident,) = conn.execute(where).fetchone()
+    (ident,) = conn.execute(ident_sql).fetchone()
     assert conn.execute(harm).rowcount > 0
-    said = [(finding.where.split()[1], finding.what) for finding in verify_database(path).findings]
-    assert (ident, f"digest of its stored fields in the table {table}") in said
+    findings = [
+        (finding.where.split()[1], finding.what) for finding in verify_database(path).findings
+    ]
+    assert (ident, f"digest of its stored fields in the table {table}") in findings
 
 
 def test_a_forger_who_makes_the_salted_hashes_of_a_row_anew_needs_the_chain_as_well(copy):
@@ -155,8 +159,8 @@ def test_a_forger_who_makes_the_salted_hashes_of_a_row_anew_needs_the_chain_as_w
     ).fetchall()
     parts = chain.compute(conn, chain.Thing("participant", ident), salt)
     conn.execute("UPDATE chain_salts SET parts = ? WHERE id = ?", (json.dumps(parts), ident))
-    (found,) = verify_database(path).findings
-    assert (found.where, found.what, found.stored) == (
+    (only_finding,) = verify_database(path).findings
+    assert (only_finding.where, only_finding.what, only_finding.stored) == (
         f"participant {ident}",
         "digest of its stored fields",
         stored,
@@ -166,7 +170,10 @@ def test_a_forger_who_makes_the_salted_hashes_of_a_row_anew_needs_the_chain_as_w
 
 
 def remove_participant(conn, person):
-    """Delete a participant with all of their rows, and the salts of their entries, as `forget` does without its own entry."""
+    """Delete a participant as `forget` does, but without an entry of the chain.
+
+    All of their rows and the salts of their entries go.
+    """
     conn.execute("PRAGMA foreign_keys = OFF")
     session, player = conn.execute(
         "SELECT session_id, player_id FROM participants WHERE id = ?", [person]
@@ -198,7 +205,7 @@ def test_a_participant_removed_with_everything_but_the_chain_is_found(copy, play
     numbers = remove_participant(conn, played[2][1])
     assert len(numbers) > 7
     assert {finding.where for finding in verify_database(path).findings} == {
-        f"chain entry {each}" for each in numbers
+        f"chain entry {number}" for number in numbers
     }
 
 
@@ -206,8 +213,8 @@ def test_a_participant_removed_with_their_entries_leaves_a_gap(copy, played):
     conn, path = copy
     numbers = remove_participant(conn, played[2][1])
     conn.execute(f"DELETE FROM chain WHERE number IN ({','.join(map(str, numbers))})")
-    found = verify_database(path).findings
-    assert {"the entry before it", "its head"} <= {finding.what for finding in found}
+    findings = verify_database(path).findings
+    assert {"the entry before it", "its head"} <= {finding.what for finding in findings}
 
 
 @pytest.mark.parametrize(
@@ -230,8 +237,8 @@ def test_a_chain_without_its_end_or_made_anew_is_found_by_an_earlier_head_alone(
             "DELETE FROM chain WHERE number >= ?", [min([*numbers, replaced or before.entries])]
         )
     assert verify_database(path).findings == ()
-    (found,) = verify_database(path, head=before.head).findings
-    assert (found.where, found.what, found.stored) == ("chain", "the head given", before.head)
+    (finding,) = verify_database(path, head=before.head).findings
+    assert (finding.where, finding.what, finding.stored) == ("chain", "the head given", before.head)
 
 
 def test_an_earlier_head_says_what_was_changed_since(copy, played):
@@ -283,8 +290,8 @@ def test_a_forged_reward_is_named_with_what_is_stored_and_what_is_right(copy):
         "SELECT reward FROM steps WHERE episode_id = ? AND step = 3", [ident]
     ).fetchone()
     conn.execute("UPDATE steps SET reward = 99.5 WHERE episode_id = ? AND step = 3", [ident])
-    said = [str(finding) for finding in verify_database(path).findings]
-    assert f"episode {ident}: reward of step 3 is 99.5, found {right!r}" in said
+    findings = [str(finding) for finding in verify_database(path).findings]
+    assert f"episode {ident}: reward of step 3 is 99.5, found {right!r}" in findings
 
 
 RANKED = "(SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND trial = {})"
@@ -347,7 +354,7 @@ def test_a_chained_row_that_is_deleted_from_a_closed_study_is_found(copy, table,
 
 
 @pytest.mark.parametrize(
-    ("harm", "found"),
+    ("harm", "beginning"),
     [
         ("UPDATE steps SET reward = reward + 0.5 WHERE step = 2", "reward of step 2"),
         ("UPDATE steps SET discovered = discovered + 1 WHERE step = 2", "discovered of step 2"),
@@ -406,7 +413,7 @@ def test_a_chained_row_that_is_deleted_from_a_closed_study_is_found(copy, table,
     ],
 )
 def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_causes(
-    copy, harm, found
+    copy, harm, beginning
 ):
     conn, path = copy
     of_terrains = "FROM sqlite_schema WHERE name = 'series_episodes_by_terrain'"
@@ -415,9 +422,9 @@ def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_cau
     assert conn.execute(harm).rowcount > 0
     conn.execute(index)
     write_chain_anew(conn)
-    said = {finding.what for finding in verify_database(path).findings}
-    assert not any("digest" in what for what in said)
-    assert any(what.startswith(found) for what in said), said
+    fields = {finding.what for finding in verify_database(path).findings}
+    assert not any("digest" in field for field in fields)
+    assert any(field.startswith(beginning) for field in fields), fields
 
 
 def test_what_comes_after_the_end_changes_no_level(copy):
@@ -470,9 +477,9 @@ def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):
     data = bytearray(played[0].read_bytes())
     data[8192:-4096] = b"\xff" * (len(data) - 12288)
     (tmp_path / "bad.db").write_bytes(data)
-    where = "--database", tmp_path / "bad.db"
-    code, _, said = command(capsys, "verify", *where)
-    assert (code, said.count("\n"), "is damaged" in said) == (1, 1, True)
+    database = "--database", tmp_path / "bad.db"
+    code, _, error = command(capsys, "verify", *database)
+    assert (code, error.count("\n"), "is damaged" in error) == (1, 1, True)
 
 
 def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_is_known(tmp_path):
@@ -485,13 +492,15 @@ def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_i
     result = verify_database(tmp_path / "play.db", secrets={study.name: study.secret})
     assert (result.findings, result.episodes, result.still_open) == ((), 1, 1)
     wrong = verify_database(tmp_path / "play.db", secrets={study.name: b"\0" * 32})
-    found = {finding.what: str(finding) for finding in wrong.findings}
-    assert "in the folder beside the database, which may be another server's" in found["commitment"]
+    by_field = {finding.what: str(finding) for finding in wrong.findings}
+    assert (
+        "in the folder beside the database, which may be another server's" in by_field["commitment"]
+    )
     assert any(finding.what.startswith("seed of warm_up") for finding in wrong.findings)
 
 
 def test_people_who_joined_and_began_nothing_leave_nothing_to_find(serve, tmp_path):
-    """A participant without a board has no session, in a database that may have none at all."""
+    """A participant without a board has no session; the database may have none at all."""
     freeze_small(tmp_path / "playground.db-studies")
     server = serve()
     Person(server)

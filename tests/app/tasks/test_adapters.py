@@ -39,7 +39,7 @@ def test_a_walker_that_is_made_anew_has_nothing_of_episodes_before():
 def test_an_action_moves_one_number_to_an_end():
     env = OneAtATime(gymnasium.make(WALKER))
     assert env.action_space.n == 9
-    assert [env.action(each).tolist() for each in (0, 1, 8)] == [
+    assert [env.action(action).tolist() for action in (0, 1, 8)] == [
         [0, 0, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1],
     ]  # fmt: skip
     assert len(environment_of(f"gymnasium:{walker()}").actions) == 9
@@ -69,7 +69,7 @@ def test_crafter_is_exact_with_the_adapter_and_not_as_shipped():
     exact = examine("gymnasium:humanplay.tasks.gymnasium.adapters:Crafter-v0", seeds=1, steps=300)
     assert (exact.differences, exact.used) == ((), None)
     shipped = examine("gymnasium:tests.support.environments:Shipped-v0", seeds=1, steps=300)
-    assert {each.variant for each in shipped.differences} >= {"without rendering"}
+    assert {difference.variant for difference in shipped.differences} >= {"without rendering"}
 
 
 def test_an_arm_may_have_a_key_of_the_tasks_own_that_nobody_could_choose():
@@ -79,7 +79,7 @@ def test_an_arm_may_have_a_key_of_the_tasks_own_that_nobody_could_choose():
     arms = [{"name": "swapped", "keys": keys}, {"name": "control"}]
     protocol = default_protocol("arms", environment.default, environment.name, arms=arms)
     assert protocol.arms[0].keys["sleep"] == ("Space",)
-    with pytest.raises(StudyError, match=r"keys of the arm 'swapped': expected the code .* 'Tab'"):
+    with pytest.raises(StudyError, match=r"keys of the arm 'swapped' must be codes .* 'Tab'"):
         default_protocol(
             "arms",
             environment.default,

@@ -1,4 +1,4 @@
-"""An environment that says which actions are allowed: people, clocks, policies and examinations keep to it."""
+"""Allowed actions hold for people, clocks, policies and examinations."""
 
 import json
 import re
@@ -26,7 +26,7 @@ def doors(how, **rest):
 
 
 @pytest.fixture
-def made():
+def new_task():
     tasks = []
 
     def make(name, *policies):
@@ -68,8 +68,10 @@ def test_a_script_over_http_is_told_what_can_be_chosen(serve):
     assert "left cannot be chosen now: expected right" in answer.text
 
 
-def test_everything_may_be_chosen_where_the_environment_allows_nothing(made):
-    run = environment_of(f"gymnasium:{MODULE}:Spent-v0").run(made(f"{MODULE}:Spent-v0").default, 1)
+def test_everything_may_be_chosen_where_the_environment_allows_nothing(new_task):
+    run = environment_of(f"gymnasium:{MODULE}:Spent-v0").run(
+        new_task(f"{MODULE}:Spent-v0").default, 1
+    )
     run.step(1)
     assert (run.allowed(), run.view().allowed) == ([(1,), None], None)
 
@@ -82,19 +84,19 @@ def test_a_mask_that_does_not_fit_is_refused_before_the_page_opens():
 
 
 @pytest.mark.parametrize("how", WAYS)
-def test_what_is_drawn_at_random_is_allowed(made, how):
-    """An environment that raises at every other action is examined, and played by `random`."""
+def test_what_is_drawn_at_random_is_allowed(new_task, how):
+    """An environment that raises at every other action is examined, and played."""
     examination = examine(doors(how), seeds=2, steps=30)
     assert (examination.differences, examination.steps) == ((), 60)
-    task = made(doors(how))
+    task = new_task(doors(how))
     policy = task.policies.load("random")
     run = task.policies.play(policy, task.default, 3, 3)
     assert run.outcome in ("ended", "timed_out")
 
 
-def test_policies_that_take_masks_are_given_them(made, tmp_path):
+def test_policies_that_take_masks_are_given_them(new_task, tmp_path):
     rule = f"{MODULE}:last_allowed"
-    task = made(doors("info"), rule)
+    task = new_task(doors("info"), rule)
     run = task.policies.play(task.policies.load(rule), task.default, 3, 3)
     assert (run.outcome, len(run.actions)) == ("ended", 6)
     from onnx import TensorProto, helper
@@ -134,10 +136,10 @@ def test_with_a_clock_what_is_forbidden_becomes_the_noop_or_the_lowest_allowed(
         me.pass_ticks(4)
         assert me.frame["outcome"] is None
     path = tmp_path / "playground.db"
-    made = ask(path, "SELECT action, input FROM steps ORDER BY step")
-    assert made[:3] == [(NOOP, None)] * 3  # left cannot be chosen in the first cell
-    assert (RIGHT, "key") in made
-    assert {(NOOP, None), (LEFT, None), (RIGHT, "key")} == set(made)
+    moves = ask(path, "SELECT action, input FROM steps ORDER BY step")
+    assert moves[:3] == [(NOOP, None)] * 3  # left cannot be chosen in the first cell
+    assert (RIGHT, "key") in moves
+    assert {(NOOP, None), (LEFT, None), (RIGHT, "key")} == set(moves)
     assert client.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201
     (level,) = ask(path, "SELECT attestation, attestation_reason FROM episodes WHERE number = 1")
     assert level == ("attested", None)

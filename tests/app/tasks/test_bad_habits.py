@@ -1,4 +1,4 @@
-"""What becomes of environments with bad habits: each plays, is refused with the way out, or ends its own episode."""
+"""Environments with bad habits play, are refused, or end their own episode."""
 
 import re
 
@@ -124,8 +124,8 @@ def test_policies_and_exports_have_the_environment_s_own_action():
         assert [task.actions[code] for code in run.actions] == ["2_1"] * 3
     finally:
         task.close()
-    own = environment_of(task.name).own_actions(config, bytes(run.actions))
-    assert own.tolist() == [[2, 1]] * 3
+    actions = environment_of(task.name).own_actions(config, bytes(run.actions))
+    assert actions.tolist() == [[2, 1]] * 3
 
 
 def test_one_that_does_not_start_is_left_out_and_named_unless_a_study_of_it_runs(tmp_path, capsys):

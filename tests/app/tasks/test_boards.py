@@ -1,4 +1,4 @@
-"""A board's environment in a process of its own: what fails there ends that board alone, and is said."""
+"""A board's environment in a process of its own: a failure ends that board alone."""
 
 import json
 import os
@@ -113,18 +113,18 @@ def test_a_board_ends_with_its_run_and_all_end_with_the_server():
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as server:
-        kept, dropped = map(int, server.stdout.readline().split())
+        remaining, dropped = map(int, server.stdout.readline().split())
         try:
-            assert alive(kept)
+            assert alive(remaining)
             assert alive(dropped)
             server.stdin.write("\n")
             server.stdin.flush()
             assert server.stdout.readline() == "dropped\n"
             eventually(lambda: not alive(dropped))
-            assert alive(kept)
+            assert alive(remaining)
         finally:
             server.kill()
-        eventually(lambda: not alive(kept))
+        eventually(lambda: not alive(remaining))
 
 
 def alive(pid):
@@ -135,6 +135,7 @@ def alive(pid):
     return True
 
 
+@pytest.mark.usefixtures("executed_preparers")
 def test_its_process_holds_nothing_of_the_server_s(monkeypatch, tmp_path):
     monkeypatch.setenv("HUMANPLAY_ADMIN_PASSWORD", "red-planet-4")
     secret = (tmp_path / "secret").open("w")
@@ -143,8 +144,8 @@ def test_its_process_holds_nothing_of_the_server_s(monkeypatch, tmp_path):
     run = task.begin(Choice(task.default, 1))
     process = Path(f"/proc/{run._board.pid}")
     assert b"HUMANPLAY_ADMIN_PASSWORD" not in (process / "environ").read_bytes()
-    opened = [str(each.readlink()) for each in (process / "fd").iterdir()]
-    assert [each for each in opened if "secret" in each or ".db" in each] == []
+    opened = [str(path.readlink()) for path in (process / "fd").iterdir()]
+    assert [path for path in opened if "secret" in path or ".db" in path] == []
     assert len(list((process / "task").iterdir())) == 1, "it has started no threads"
     loaded = (process / "maps").read_text()
     assert [name for name in ("torch", "numba", "llvmlite") if name in loaded] == []
@@ -152,12 +153,13 @@ def test_its_process_holds_nothing_of_the_server_s(monkeypatch, tmp_path):
     task.close()
 
 
+@pytest.mark.usefixtures("executed_preparers")
 def test_a_board_reads_no_database_and_reaches_no_port(serve, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as other:
         kwargs = {"path": str(tmp_path / "playground.db"), "port": other.getsockname()[1]}
-        told = Description(id="tests.support.environments:Nosy-v0", kwargs=kwargs).told
-        here = GymnasiumEnvironment(told)
-        task = serve(task=f"gymnasium:{told}").app.state.services.lobby.task
+        text = Description(id="tests.support.environments:Nosy-v0", kwargs=kwargs).told
+        here = GymnasiumEnvironment(text)
+        task = serve(task=f"gymnasium:{text}").app.state.services.lobby.task
         confined = task._boards.preparer.guards()
         if confined[NO_NETWORK] or confined[NO_OTHER_FILES]:
             pytest.skip(task.guards())
@@ -200,9 +202,9 @@ def test_boards_that_do_not_begin_keep_nobody_else_waiting(serve, monkeypatch):
         answers = [people.submit(begin, number) for number in range(40)]
         time.sleep(1)
         assert server.page().post("/api/sessions", json={"seed": 1}).status_code == 201
-        assert not any(each.done() for each in answers)
-        refused = [each.result() for each in answers]
-    assert [each.status_code for each in refused] == [422] * 40
+        assert not any(answer.done() for answer in answers)
+        refused = [answer.result() for answer in answers]
+    assert [answer.status_code for answer in refused] == [422] * 40
     assert "it gave no answer in 20 s" in refused[0].text
 
 
@@ -218,8 +220,8 @@ def test_an_episode_that_its_environment_ended_is_kept_shown_and_verified(serve,
         assert "failed at this move, and again" in socket.receive("refused")["reason"]
     ended = client.get(f"/api/sessions/{begun['session']}").json()
     assert (ended["step"], ended["outcome"]) == (1, "environment_failed")
-    found = client.get(f"/api/episodes/{ended['episode']}").json()
-    assert (found["outcome"], found["score"]) == ("environment_failed", -1.0)
+    shown = client.get(f"/api/episodes/{ended['episode']}").json()
+    assert (shown["outcome"], shown["score"]) == ("environment_failed", -1.0)
     assert (
         client.get(f"/api/watch/{ended['episode']}").json()["frames"][-1]["outcome"]
         == "environment_failed"
@@ -232,8 +234,8 @@ def test_an_episode_that_its_environment_ended_is_kept_shown_and_verified(serve,
 
 def test_a_page_is_told_how_far_its_lost_environment_has_been_made_again(serve):
     kwargs = {"how": "crash", "once": "failed", "step_s": 0.1}
-    told = Description(id=FAILING, kwargs=kwargs, max_steps=5000).told
-    server = serve(task=f"gymnasium:{told}")
+    text = Description(id=FAILING, kwargs=kwargs, max_steps=5000).told
+    server = serve(task=f"gymnasium:{text}")
     client = server.page()
     begun = client.post("/api/sessions", json={}).json()
     with server.socket(begun["session"], client) as socket:
@@ -250,9 +252,9 @@ def test_a_page_is_told_how_far_its_lost_environment_has_been_made_again(serve):
 
 
 def test_others_play_on_while_a_board_fails(serve):
-    """The failing one takes 2 s twice: if others' moves waited for it, they would make two meanwhile."""
+    """The failing board takes 2 s twice; others must not wait for it."""
     server = serve(task=f"gymnasium:{failing('loop')}")
-    other, fails, failed, said = server.page(), threading.Event(), threading.Event(), []
+    other, fails, failed, reasons = server.page(), threading.Event(), threading.Event(), []
 
     def fail():
         client = server.page()
@@ -260,7 +262,7 @@ def test_others_play_on_while_a_board_fails(serve):
         with server.socket(begun["session"], client) as socket:
             socket.act(socket.receive("frame"), "wave")
             fails.set()
-            said.append(socket.receive("refused")["reason"])
+            reasons.append(socket.receive("refused")["reason"])
         failed.set()
 
     begun = other.post("/api/sessions", json={}).json()
@@ -276,4 +278,4 @@ def test_others_play_on_while_a_board_fails(serve):
             time.sleep(0.005)
     thread.join()
     assert meanwhile > 20
-    assert "after 2 s of processor" in said[0]
+    assert "after 2 s of processor" in reasons[0]

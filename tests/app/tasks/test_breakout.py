@@ -1,4 +1,4 @@
-"""Breakout at 60 frames a second: one record for people and agents, and a server that is killed in the middle of play."""
+"""Breakout at 60 frames a second, and a server that is killed during play."""
 
 import numpy as np
 import pytest

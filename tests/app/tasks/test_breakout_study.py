@@ -1,4 +1,4 @@
-"""A study of Breakout at 60 frames a second: two people by their keys, a report, a release that is derived again."""
+"""A study of Breakout at 60 frames a second, from its keys to its derivation."""
 
 import json
 
@@ -68,8 +68,8 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(
     database = played
     assert verify_database(database[1]).findings == ()
     sql = "SELECT phase, attestation, steps FROM episodes e JOIN series_episodes s ON s.episode_id = e.id"
-    found = ask(database[1], sql)
-    assert [each for each in found if each[0] == "ranked"] == [("ranked", "attested", 300)] * 2
+    rows = ask(database[1], sql)
+    assert [row for row in rows if row[0] == "ranked"] == [("ranked", "attested", 300)] * 2
     numbers = tmp_path / "report.json"
     report = ("report", "--study", "breakout", "--html", tmp_path / "r.html", "--json", numbers)
     assert run(*report, *database) == 0
@@ -85,6 +85,9 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(
     dataset = minari.load_dataset("marsexplorer/breakout/human-v1")
     about = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
     env = dataset.recover_environment()
-    for told, episode in zip(about, dataset, strict=True):
-        seen = [env.reset(seed=told["seed"])[0], *(env.step(each)[0] for each in episode.actions)]
+    for described, episode in zip(about, dataset, strict=True):
+        seen = [
+            env.reset(seed=described["seed"])[0],
+            *(env.step(action)[0] for action in episode.actions),
+        ]
         assert np.array_equal(seen, episode.observations), "every frame of 60 a second"

@@ -1,4 +1,4 @@
-"""What is derived of an environment, what its file may say, and what is said of one that cannot be played."""
+"""What is derived of an environment, and what its file may say."""
 
 import base64
 import io
@@ -39,7 +39,7 @@ max_steps = 6
 
 
 @pytest.mark.parametrize(
-    ("told", "keys"),
+    ("text", "keys"),
     [
         ("CliffWalking-v1", {"up": "ArrowUp", "right": "ArrowRight", "down": "ArrowDown", "left": "ArrowLeft"}),
         ("LunarLander-v3", None),
@@ -49,7 +49,7 @@ max_steps = 6
         (f"{OURS}:Seeded-v0", {"noop": "KeyN", "right": "ArrowRight", "rightfire": "Digit1"}),
     ],
 )  # fmt: skip
-def test_names_and_keys_are_derived(told, keys):
+def test_names_and_keys_are_derived(text, keys):
     if keys is None:
         pytest.importorskip("Box2D")
         keys = {
@@ -58,7 +58,7 @@ def test_names_and_keys_are_derived(told, keys):
             "main_engine": "ArrowUp",
             "right_engine": "ArrowLeft",
         }
-    environment = environment_of(f"gymnasium:{told}")
+    environment = environment_of(f"gymnasium:{text}")
     assert {name: codes[0] for name, codes in environment.keys.items()} == keys
     assert environment.actions == tuple(keys)
 
@@ -72,10 +72,10 @@ def home(tmp_path):
 
 
 def test_a_file_is_all_of_the_task_s_name(home):
-    told = read_description(home).told
-    environment = environment_of(f"gymnasium:{told}")
-    assert Description(**json.loads(told)) == read_description(home)
-    assert environment.name == f"gymnasium:{told}"
+    text = read_description(home).told
+    environment = environment_of(f"gymnasium:{text}")
+    assert Description(**json.loads(text)) == read_description(home)
+    assert environment.name == f"gymnasium:{text}"
     assert (environment.about.title, environment.about.instructions) == ("Home", "Walk home.")
     assert environment.keys == {"back": ("KeyB",), "forward": ("ArrowUp",), "wave": ()}
     assert (environment.metrics[0].name, environment.successes) == ("coins", {"succeeded"})
@@ -102,8 +102,8 @@ def test_a_file_is_all_of_the_task_s_name(home):
     ],
 )
 def test_a_success_is_what_the_file_says(home, success, moves, outcome):
-    given = {**read_description(home).model_dump(exclude_unset=True), "success": success}
-    task = GymnasiumTask(Description(**given).told)
+    fields = {**read_description(home).model_dump(exclude_unset=True), "success": success}
+    task = GymnasiumTask(Description(**fields).told)
     run = task.begin(Choice(task.default, 1))  # it starts in cell 0
     for move in moves:
         if run.outcome == "running":
@@ -115,8 +115,8 @@ def test_a_success_is_what_the_file_says(home, success, moves, outcome):
 
 
 def test_two_seeds_are_two_episodes_where_only_the_making_heeds_them():
-    given = {"id": f"{OURS}:Seeded-v0", "seeding": "kwarg"}
-    task = GymnasiumTask(Description(**given).told)
+    fields = {"id": f"{OURS}:Seeded-v0", "seeding": "kwarg"}
+    task = GymnasiumTask(Description(**fields).told)
     assert len({task.begin(Choice(task.default, seed)).view().picture for seed in range(8)}) == 2
 
 
@@ -153,21 +153,21 @@ main()
 
 
 def test_play_opens_a_browser_at_the_environment_without_what_mars_explorer_needs(tmp_path):
-    given = ["play", "FrozenLake-v1", "--database", str(tmp_path / "x.db")]
+    arguments = ["play", "FrozenLake-v1", "--database", str(tmp_path / "x.db")]
     environ = {**os.environ, "BROWSER": f"sh -c 'echo %s > {tmp_path}/address' &"}
-    ours = [sys.executable, "-c", WITHOUT, *given]
+    ours = [sys.executable, "-c", WITHOUT, *arguments]
     with subprocess.Popen(ours, env=environ, stdout=subprocess.DEVNULL) as server:
         try:
             eventually(
                 lambda: (tmp_path / "address").exists() and (tmp_path / "address").read_text()
             )
             address = (tmp_path / "address").read_text().strip()
-            found = RunningServer(int(address.rsplit(":", 1)[1].strip("/")))
-            client = found.page()
+            running = RunningServer(int(address.rsplit(":", 1)[1].strip("/")))
+            client = running.page()
             assert client.get("/healthz").status_code == 200
             begun = client.post("/api/sessions", json={}).json()
             assert begun["task"]["title"] == "FrozenLake-v1"
-            with found.socket(begun["session"], client) as socket:
+            with running.socket(begun["session"], client) as socket:
                 socket.act(socket.receive("frame"), "left", input="key")
                 assert socket.frame_after(0)["step"] == 1
             assert (
@@ -175,7 +175,7 @@ def test_play_opens_a_browser_at_the_environment_without_what_mars_explorer_need
                 client.get("/api/daily").status_code,
             ) == ([], 404)
             assert client.get("/viewer/client/").status_code == 404
-            found.close()
+            running.close()
         finally:
             server.send_signal(signal.SIGINT)
         assert server.wait(20) == 0
@@ -194,8 +194,8 @@ def test_a_package_offers_an_environment_under_a_name_of_its_own(tmp_path, monke
     monkeypatch.syspath_prepend(tmp_path)
     code, printed, _ = command(capsys, "doctor", "home", "--toml")
     assert (code, 'title = "Home"' in printed, "max_steps = 6" in printed) == (0, True, True)
-    code, _, said = command(capsys, "doctor", "none", "--toml")
-    assert (code, "none, which rooms_of_ours:NONE describes: " in said) == (2, True)
+    code, _, error = command(capsys, "doctor", "none", "--toml")
+    assert (code, "none, which rooms_of_ours:NONE describes: " in error) == (2, True)
 
 
 def test_what_is_seen_is_said_of_the_arguments_that_it_holds_for_alone():
@@ -205,10 +205,10 @@ def test_what_is_seen_is_said_of_the_arguments_that_it_holds_for_alone():
     pov = Description(id=rooms, kwargs={"agent_pov": True})
     environment = GymnasiumEnvironment(pov.told)
     assert environment.texts(environment.default).observations == ""
-    said = Description(
+    description = Description(
         id=rooms, kwargs={"agent_pov": True}, people_see="7x7 cells", agents_see="7x7 cells"
     )
-    environment = GymnasiumEnvironment(said.told)
+    environment = GymnasiumEnvironment(description.told)
     assert (
         environment.texts(environment.default).observations
         == "People see 7x7 cells; agents are given the same."
@@ -234,8 +234,8 @@ def test_a_photograph_is_shown_as_jpeg_and_everything_else_as_it_is():
 
 
 def test_a_wrapper_makes_actions_of_a_wheel():
-    given = {"id": f"{OURS}:Wheel-v0", "wrappers": [f"{OURS}:Steered"]}
-    assert GymnasiumTask(Description(**given).told).actions == ("0", "1")
+    fields = {"id": f"{OURS}:Wheel-v0", "wrappers": [f"{OURS}:Steered"]}
+    assert GymnasiumTask(Description(**fields).told).actions == ("0", "1")
 
 
 def test_it_is_played_as_text_by_the_file_s_score_and_verified(home, serve, tmp_path):
@@ -262,11 +262,11 @@ def test_it_is_played_as_text_by_the_file_s_score_and_verified(home, serve, tmp_
             "succeeded",
         )
         conn.execute("UPDATE episodes SET score = score + 1")
-    assert any("score" in each.what for each in verify_database(database).findings)
+    assert any("score" in finding.what for finding in verify_database(database).findings)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "refusal"),
     [
         ('id = "X-v0"\nkeys = = 1', "(at line 2"),
         (f'id = "{PATH}"\n\nkyes = {{}}', "line 3: there is no field 'kyes'; the fields are id, kwargs"),
@@ -283,12 +283,12 @@ def test_it_is_played_as_text_by_the_file_s_score_and_verified(home, serve, tmp_
         (f'id = "{OURS}:Blind-v0"', "draws no picture (rgb_array) and no text (ansi), only human"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_played_is_said_at_the_start(text, said, tmp_path, capsys):
+def test_what_cannot_be_played_is_said_at_the_start(text, refusal, tmp_path, capsys):
     path = tmp_path / "env.toml"
     path.write_text(text)
-    where = "--database", tmp_path / "play.db", "--port", 0
-    code, _, err = command(capsys, "serve", "--env", path, *where)
+    options = "--database", tmp_path / "play.db", "--port", 0
+    code, _, err = command(capsys, "serve", "--env", path, *options)
     err = " ".join(err.split())
-    assert (code in (1, 2), said in err) == (True, True), err
+    assert (code in (1, 2), refusal in err) == (True, True), err
     assert "Traceback" not in err
     assert not (tmp_path / "play.db").exists()

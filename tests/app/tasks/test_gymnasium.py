@@ -1,4 +1,4 @@
-"""FrozenLake as a task: played by keys, killed, gone on with, verified, exported and shown again, on a real server."""
+"""FrozenLake as a task on a real server: played, killed, verified, exported."""
 
 import base64
 import csv
@@ -75,12 +75,12 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
     assert last["return"] == (last["outcome"] == "succeeded")
     assert pixels(frames[0]).shape == (256, 256, 3)
     assert any((pixels(one) != pixels(two)).any() for one, two in pairwise(frames))
-    found = client.get(f"/api/episodes/{last['episode']}").json()
-    assert (found["task"], found["level"]) == (LAKE, "FrozenLake-v1")
-    assert (found["attestation"], found["outcome"]) == ("attested", last["outcome"])
-    assert set(found["actions"]) <= {"left", "down", "right", "up"}
-    own = client.get("/api/me/history").json()
-    (best,), (mine,) = own["bests"], own["episodes"]
+    episode = client.get(f"/api/episodes/{last['episode']}").json()
+    assert (episode["task"], episode["level"]) == (LAKE, "FrozenLake-v1")
+    assert (episode["attestation"], episode["outcome"]) == ("attested", last["outcome"])
+    assert set(episode["actions"]) <= {"left", "down", "right", "up"}
+    history = client.get("/api/me/history").json()
+    (best,), (mine,) = history["bests"], history["episodes"]
     assert best["place"] == "FrozenLake-v1"
     assert (mine["episode"], mine["moves"]) == (last["episode"], last["step"])
     again = client.get(f"/api/watch/{last['episode']}").json()
@@ -94,14 +94,14 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
 
 def test_nothing_else_can_be_asked_for(lake):
     client = lake.page()
-    for body, said in (
+    for body, refusal in (
         ({"level": "random"}, "unknown field 'level'"),
         ({"size": 21}, "unknown field 'size'"),
         ({"player": "ppo"}, "no policy 'ppo'"),
         ({"rival": "ppo"}, "no policy 'ppo'"),
     ):
         answer = client.post("/api/sessions", json=body)
-        assert (answer.status_code, said in answer.text) == (422, True), answer.text
+        assert (answer.status_code, refusal in answer.text) == (422, True), answer.text
     begun = begin(lake, client)
     with lake.socket(begun["session"], client) as socket:
         socket.act(socket.receive("frame"), "north")
@@ -144,19 +144,19 @@ def test_what_was_changed_is_found(lake, tmp_path):
     client = lake.page()
     play(lake, client, begin(lake, client, seed=5))
     lake.stop()
-    for change, what in CHANGES.items():
+    for change, field in CHANGES.items():
         copy = Path(shutil.copy(tmp_path / "playground.db", tmp_path / "copy.db"))
         alter(copy, change)
         findings = verify_database(copy).findings
-        assert any(what in each.what for each in findings), (change, *map(str, findings))
+        assert any(field in finding.what for finding in findings), (change, *map(str, findings))
 
 
 def test_it_is_exported_by_the_names_of_its_actions(lake, tmp_path):
     client = lake.page()
     frames = play(lake, client, begin(lake, client))
     lake.stop()
-    where = "--database", tmp_path / "playground.db", "--out", tmp_path / "out"
-    assert run("export", *where) == 0
+    options = "--database", tmp_path / "playground.db", "--out", tmp_path / "out"
+    assert run("export", *options) == 0
     (row,) = csv.DictReader((tmp_path / "out/episodes.csv").read_text().splitlines())
     assert (row["task"], row["level"], row["verified"]) == (LAKE, "FrozenLake-v1", "true")
     assert (row["rows"], row["coverage"], row["outcome"]) == ("", "", frames[-1]["outcome"])
@@ -195,8 +195,8 @@ def test_its_replay_is_a_page_and_files_of_what_was_shown(lake, tmp_path, capsys
     lake.stop()
     out = tmp_path / "replay.html"
     args = ["--database", str(tmp_path / "playground.db"), "--out", str(out)]
-    code, said, _ = command(capsys, "replay", last["episode"], *args)
-    assert (code, f"{last['step']} moves" in said) == (0, True)
+    code, printed, _ = command(capsys, "replay", last["episode"], *args)
+    assert (code, f"{last['step']} moves" in printed) == (0, True)
     assert replay["run"]["sentence"] in out.read_text()
 
 
@@ -228,11 +228,11 @@ def test_a_run_is_a_function_of_configuration_seed_and_actions(level, kwargs, ou
     task = GymnasiumTask(level)
     moves = bytes(np.random.default_rng(0).integers(0, len(task.actions), 40))
     one = task.begin(Choice(task.default, 7))
-    made = [one.step(move) for move in moves if one.outcome == "running"]
+    rewards = [one.step(move) for move in moves if one.outcome == "running"]
     record = one.record()
     again = task.replay_record(record)
     assert again.record() == record
-    assert (again.rewards(), record.outcome) == (made, outcome)
+    assert (again.rewards(), record.outcome) == (rewards, outcome)
     low, high = task.bounds(task.default)
     assert low <= record.score <= high, "of the catalogue, where it knows any"
     other = task.configuration({"kwargs": kwargs})
@@ -243,7 +243,7 @@ def test_a_run_is_a_function_of_configuration_seed_and_actions(level, kwargs, ou
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "refusal"),
     [
         ("gymnasium:NoSuch-v0", "knows no environment"),
         ("gymnasium:Taxi-v3", "use `Taxi-v4` instead"),
@@ -252,9 +252,9 @@ def test_a_run_is_a_function_of_configuration_seed_and_actions(level, kwargs, ou
         ("gymnasium:Pendulum-v1", "discrete actions"),
     ],
 )
-def test_what_is_no_task_is_said_at_the_start(tmp_path, capsys, name, said):
+def test_what_is_no_task_is_said_at_the_start(tmp_path, capsys, name, refusal):
     from humanplay.web.server import ServerError, run
 
-    with pytest.raises(ServerError, match=said):
+    with pytest.raises(ServerError, match=refusal):
         run(Settings(database=tmp_path / "play.db", port=0, task=name))
     assert not (tmp_path / "play.db").exists()

@@ -1,4 +1,4 @@
-"""A study of FourRooms by its own commands: two participants, a report, a release that verifies and is derived again."""
+"""A study of FourRooms by its commands, from two participants to its derivation."""
 
 import csv
 import json
@@ -27,6 +27,7 @@ from tests.support import made_studies
 from tests.support.absent import environment_without
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
+from tests.support.drafts import draft_of, edit_draft
 from tests.support.recorded import ask
 
 LAKE = "gymnasium:FrozenLake-v1"
@@ -44,7 +45,7 @@ class Wanderer:
 
     def choose(self, frame):
         return self._dice.choice(
-            [each for each in environment_of(self._task).actions if each in KEY_CODES]
+            [action for action in environment_of(self._task).actions if action in KEY_CODES]
         )
 
 
@@ -58,8 +59,7 @@ def played(request, serve, tmp_path, briefly_examined):
     sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open", *DECLARED)
     env = request.param.removeprefix("gymnasium:")
     assert run("study", "new", "any", "--env", env, *sizes, *database) == 0
-    path = tmp_path / "playground.db-studies/any/protocol.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"debrief_policy": "random"}))
+    edit_draft(draft_of(tmp_path / "playground.db-studies", "any"), debrief_policy="random")
     assert run("study", "freeze", "any", "--underpowered", *database) == 0
     server = serve(task=request.param)
     done, other = (
@@ -83,8 +83,8 @@ def played(request, serve, tmp_path, briefly_examined):
 
 
 def check_that_no_policy_plays(server, done, other, secret):
-    """While the study is open nobody is shown a policy on its instances: players, those done, or others."""
-    rows, said = server.services.store.connection.execute, []
+    """While the study is open, nobody is shown a policy on its instances."""
+    rows, texts = server.services.store.connection.execute, []
     episodes = rows("SELECT id FROM episodes").fetchall()
     assert len(episodes) == 6 + 3, "with the tutorials"
     stranger = server.page()
@@ -93,22 +93,22 @@ def check_that_no_policy_plays(server, done, other, secret):
     def check(client, path, *statuses, **body):
         answer = client.post(path, json=body) if body else client.get(path)
         assert answer.status_code in statuses, (path, body, answer.status_code, answer.text[:300])
-        said.append(answer.text)
+        texts.append(answer.text)
 
     for client in (done.client, other.client, stranger):
         for (episode,) in episodes:
-            for what in ("", "/replay", "/costs", "/ghost?policy=random"):
-                check(client, f"/api/episodes/{episode}{what}", 404)
-            for what in ("", ".html?ghost=random"):
-                check(client, f"/replay/{episode}{what}", 404)
+            for ending in ("", "/replay", "/costs", "/ghost?policy=random"):
+                check(client, f"/api/episodes/{episode}{ending}", 404)
+            for ending in ("", ".html?ghost=random"):
+                check(client, f"/replay/{episode}{ending}", 404)
             check(client, f"/api/watch/{episode}", 404)
         for person in (done, other):
             session, frame = person.where["session"], person.frame
-            at, own = f"/api/sessions/{session}", 409 if client is person.client else 404
+            at, refused = f"/api/sessions/{session}", 409 if client is person.client else 404
             check(client, f"/api/watch/{session}", 404)
-            check(client, f"{at}/pace", own, follow=True)
-            check(client, f"{at}/episodes", own, seed=1)
-            check(client, f"{at}/act", own, episode=frame["episode"], step=0, action="left")
+            check(client, f"{at}/pace", refused, follow=True)
+            check(client, f"{at}/episodes", refused, seed=1)
+            check(client, f"{at}/act", refused, episode=frame["episode"], step=0, action="left")
             for rival in (None, "random"):
                 statuses = 404, 422
                 check(
@@ -119,9 +119,9 @@ def check_that_no_policy_plays(server, done, other, secret):
                     rival=rival,
                     replays=session,
                 )
-        for what in ("", "/costs"):
-            check(client, f"/api/studies/any/debrief/0{what}?phase=ranked", 404, 409)
-    assert not [seed for seed in secret for text in said if seed in text]
+        for ending in ("", "/costs"):
+            check(client, f"/api/studies/any/debrief/0{ending}?phase=ranked", 404, 409)
+    assert not [seed for seed in secret for text in texts if seed in text]
     warm_up = done.client.get("/api/studies/any/debrief/0?phase=warm_up").json()
     assert warm_up["policy"]["frames"], "it does play the warm-up"
     ((seed,),) = rows("SELECT seed FROM episodes WHERE driver LIKE 'policy:%'").fetchall()
@@ -129,7 +129,7 @@ def check_that_no_policy_plays(server, done, other, secret):
 
 
 def reported_with_study_alone(database, folder):
-    """The same report's numbers, made where the extra [study] is installed and no other."""
+    """The same report's numbers with only the extra [study] installed."""
     numbers = folder / "alone.json"
     command = [sys.executable, "-m", "humanplay.cli", "report", "--study", "any", *database]
     absent = ("numba", "llvmlite", "viser", "onnx", "onnxruntime", "torch", "pyarrow")
@@ -173,13 +173,13 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert (sees in datasheet) == is_rooms
     with (tmp_path / "bundle/csv/steps.csv").open(newline="") as file:
         steps = list(csv.DictReader(file))
-    told = [(each["episode"], each["action"]) for each in steps]
-    assert {(each["row"], each["col"]) for each in steps} == {("", "")}, "no rover stands anywhere"
+    moves = [(row["episode"], row["action"]) for row in steps]
+    assert {(row["row"], row["col"]) for row in steps} == {("", "")}, "no rover stands anywhere"
     path = tmp_path / "bundle/study.sqlite"
     (task,) = {task for (task,) in ask(path, "SELECT task FROM episodes")}
     actions = environment_of(task).actions
     stored = ask(path, "SELECT episode_id, action FROM steps")
-    assert sorted(told) == sorted((episode, actions[code]) for episode, code in stored)
+    assert sorted(moves) == sorted((episode, actions[code]) for episode, code in stored)
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
     assert run("reproduce", tmp_path / "bundle") == 0
     assert ", 0 differ" in capsys.readouterr().out
@@ -229,18 +229,18 @@ def test_what_was_left_is_worth_what_is_spoilt_and_a_score_beyond_its_bounds_sto
 
     played = [("ended", 300.0), ("ended", 700.0)]
     left = [("abandoned", 499.0), ("environment_failed", 400.0), ("ended", 450.0, "spoilt")]
-    trials = [trial("a", number, *each) for number, each in enumerate(played)]
-    trials += [trial("b", number, *each) for number, each in enumerate(left)]
+    trials = [trial("a", number, *fields) for number, fields in enumerate(played)]
+    trials += [trial("b", number, *fields) for number, fields in enumerate(left)]
     people = [made_studies.person(0), made_studies.person(1)]
-    trials = [replace(each, participant=people[each.participant == "b"].id) for each in trials]
+    trials = [replace(trial, participant=people[trial.participant == "b"].id) for trial in trials]
     data = replace(made_studies.study(people, trials), protocol=protocol)
     cohort = people_of(data)
-    assert [each.score for each in cohort.ranked[people[1].id]] == [1, 1, 1]
-    assert [Sums.of(each).score for each in trials[2:]] == [1, 1, 1]
+    assert [trial.score for trial in cohort.ranked[people[1].id]] == [1, 1, 1]
+    assert [Sums.of(trial).score for trial in trials[2:]] == [1, 1, 1]
     finished, everybody, *_ = study_figures(data, cohort, everybody_of(data, cohort))
-    own = (1 + 1 + 450) / 3  # spoilt without a sign of a program: as it was played
-    assert everybody.score.mean == pytest.approx(((300 + 700 + 1) / 3 + own) / 2)
+    spoilt_mean = (1 + 1 + 450) / 3  # spoilt without a sign of a program: as it was played
+    assert everybody.score.mean == pytest.approx(((300 + 700 + 1) / 3 + spoilt_mean) / 2)
     assert finished.players == 0, "one lacks a terrain, the other gave up two of three"
-    (said,) = cautions._about_bounds(data)
-    assert "1 ranked episode of 5 ended with a score outside the bounds" in said
+    (caution,) = cautions._about_bounds(data)
+    assert "1 ranked episode of 5 ended with a score outside the bounds" in caution
     assert estimate(np.array([[120.0], [300.0], [0.0]]), (1, 500), 1).mean == 140

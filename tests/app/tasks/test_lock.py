@@ -1,4 +1,4 @@
-"""What an episode was computed with: another version is named with its first difference, and is no tampering."""
+"""An episode of another version is named with its first difference."""
 
 import json
 
@@ -42,10 +42,10 @@ def test_an_episode_of_another_version_is_named_with_its_first_difference(monkey
     run.abandon()
     record, was = run.record(), "gymnasium 0.29.1, numpy 1.26.4"
     object.__setattr__(record, "core_version", was)
-    said = environment.lock.why_not_replayable(record, [0.0, 0.0, 0.0])
-    assert said.startswith("cannot be simulated here: gymnasium ")
-    assert "instead of 0.29.1, numpy " in said
-    assert said.endswith("; no difference in 3 steps")
+    reason = environment.lock.why_not_replayable(record, [0.0, 0.0, 0.0])
+    assert reason.startswith("cannot be simulated here: gymnasium ")
+    assert "instead of 0.29.1, numpy " in reason
+    assert reason.endswith("; no difference in 3 steps")
     assert environment.lock.why_not_replayable(record, [0.0, 1.0, 0.0]).endswith(
         "; first difference at step 2"
     )
@@ -63,10 +63,10 @@ def test_a_changed_version_is_found_by_the_chain(serve, tmp_path):
     database = tmp_path / "playground.db"
     assert verify_database(database).findings == ()
     alter(database, "UPDATE episodes SET core_version = 'gymnasium 0.29.1, numpy 1.26.4'")
-    found = [str(each) for each in verify_database(database).findings]
-    assert "digest of its stored fields" in found[0], "what was changed is said first"
-    assert "cannot be simulated here: gymnasium" in found[-1]
-    assert "; no difference in" in found[-1]
+    sentences = [str(finding) for finding in verify_database(database).findings]
+    assert "digest of its stored fields" in sentences[0], "what was changed is said first"
+    assert "cannot be simulated here: gymnasium" in sentences[-1]
+    assert "; no difference in" in sentences[-1]
 
 
 @pytest.mark.parametrize("part", [pytest.param("python", marks=pytest.mark.long), "packages"])

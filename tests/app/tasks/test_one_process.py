@@ -1,4 +1,4 @@
-"""One prepared process is the only place where an environment steps: a board's, and every command's."""
+"""One prepared process is the only place where an environment steps."""
 
 import os
 import subprocess

@@ -39,7 +39,7 @@ def test_the_api_s_page_speaks_of_no_other_world_and_its_example_plays_it(serve,
 
 
 @pytest.fixture(params=["FrozenLake", "own"])
-def said(request, serve, tmp_path, capsys, briefly_examined):
+def outputs(request, serve, tmp_path, capsys, briefly_examined):
     """What the commands of a study print and write, by name."""
     env = "FrozenLake-v1"
     if request.param == "own":
@@ -83,19 +83,19 @@ def said(request, serve, tmp_path, capsys, briefly_examined):
     return texts
 
 
-def test_a_study_of_another_environment_speaks_of_it_alone(said):
-    columns = json.loads(said.pop("bundle/columns.json")).values()
+def test_a_study_of_another_environment_speaks_of_it_alone(outputs):
+    columns = json.loads(outputs.pop("bundle/columns.json")).values()
     meanings = [column["meaning"] for table in columns for column in table["columns"]]
-    datasheet = said["bundle/DATASHEET.md"]
+    datasheet = outputs["bundle/DATASHEET.md"]
     assert [meaning for meaning in meanings if meaning not in datasheet] == []
     # every world's columns have the same names
-    said["bundle/DATASHEET.md"] = re.sub(r"`\w+`", "", datasheet)
+    outputs["bundle/DATASHEET.md"] = re.sub(r"`\w+`", "", datasheet)
     pages = {"report.html", "report-methods.html", "report-checklist.html"}
-    assert {*pages, "preregistration.md", "bundle/DATASHEET.md"} <= said.keys()
+    assert {*pages, "preregistration.md", "bundle/DATASHEET.md"} <= outputs.keys()
     examined = (
         r"moves came to the same in fresh processes; a rehearsed episode of \d+ moves? was recorded"
     )
     assert re.search(
-        rf"^[\d,]+ {examined}, replayed and written as a data set", said["freeze"], re.MULTILINE
+        rf"^[\d,]+ {examined}, replayed and written as a data set", outputs["freeze"], re.MULTILINE
     )
-    assert {name: lines for name, text in said.items() if (lines := words_of_mars(text))} == {}
+    assert {name: lines for name, text in outputs.items() if (lines := words_of_mars(text))} == {}

@@ -1,4 +1,4 @@
-"""Whatever an environment draws is shown, or refused before the page opens, with what came and the way out."""
+"""What an environment draws is shown, or refused with the way out."""
 
 import base64
 import io

@@ -1,4 +1,4 @@
-"""Policies of an environment, each in a process of its own: on boards beside people, and on the seeds of a study."""
+"""Policies of an environment, each in a process of its own."""
 
 from pathlib import Path
 
@@ -14,12 +14,14 @@ from humanplay.task.registration import environment_of
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
 from humanplay.tasks.gymnasium.task import GymnasiumTask
 from humanplay.tasks.policies import chooser, prepare_source
+from humanplay.tasks.processes import NO_NETWORK, NO_OTHER_FILES
+from tests.support import environments
 
 PATH, OWN = "tests.support.environments:Path-v0", "tests.support.environments"
 
 
 def network(path, shape, nodes, weights, out, kind=TensorProto.FLOAT, name="input"):
-    """Write a network as an export of Stable-Baselines3 is: a batch of one in, actions first out."""
+    """Write a network as Stable-Baselines3 exports it: a batch of one in, actions out."""
     observed = helper.make_tensor_value_info(name, kind, [1, *shape])
     actions = helper.make_tensor_value_info("actions", out, None)
     held = [
@@ -47,8 +49,8 @@ def balancing(tmp_path):
 def new_task():
     tasks = []
 
-    def make(told, *policies):
-        tasks.append(GymnasiumTask(told, policies))
+    def make(text, *policies):
+        tasks.append(GymnasiumTask(text, policies))
         return tasks[-1]
 
     yield make
@@ -96,7 +98,7 @@ def test_random_actions_are_valid_and_follow_from_the_seed(new_task):
 
 
 def test_what_it_decided_is_remembered_as_an_episode_goes_on_elsewhere(new_task):
-    """A board that is resumed tells the moves so far: the policy decides as it did, and the same comes of it."""
+    """On a resumed board, the policy decides as it did before."""
     task = new_task("FrozenLake-v1")
     whole = bytes(played(task, "random", 1).actions)
     policy = task.policies.load("random")
@@ -119,6 +121,19 @@ def test_what_cannot_play_says_why(new_task):
         new_task(PATH, f"{OWN}:nowhere").guards()
     with pytest.raises(ValueError, match="expected a function as module:function"):
         prepare_source(f"{OWN}:none")
+
+
+@pytest.mark.usefixtures("executed_preparers")
+def test_a_function_is_guarded_as_a_board_is(new_task):
+    task = new_task(PATH, f"{OWN}:nosy")
+    guards = task._boards.preparer.guards()
+    if guards[NO_NETWORK] or guards[NO_OTHER_FILES]:
+        pytest.skip(task.guards())
+    with pytest.raises(RuntimeError, match="it sees"):
+        environments.nosy(0)
+    policy = task.policies.load(f"{OWN}:nosy")
+    run = task.begin(Choice(task.default, 3))
+    assert policy.act(run.view().observation()) == 1
 
 
 def test_it_plays_beside_a_person_and_by_itself_and_both_are_verified(serve, tmp_path):

@@ -1,4 +1,4 @@
-"""Processes of their own: what guards them is on where the system permits it, and what is not on is said."""
+"""Worker processes: their guards are on where the system permits it."""
 
 import json
 import os
@@ -22,6 +22,7 @@ from humanplay.tasks.processes import (
     guards_of,
 )
 
+pytestmark = pytest.mark.usefixtures("executed_preparers")
 CONFINED = "tests.support.confined"
 
 
@@ -37,8 +38,8 @@ def begun(tmp_path):
         return guards, worker, preparers[-1]
 
     yield begin
-    for each in preparers:
-        each.close()
+    for preparer in preparers:
+        preparer.close()
 
 
 def needs(guards, name):
@@ -47,7 +48,7 @@ def needs(guards, name):
 
 
 def test_it_reads_neither_the_database_nor_what_lies_beside_it_nor_writes(begun, tmp_path):
-    """The database lies where its packages do, as in a checkout, and is anybody's to read."""
+    """The database lies beside its packages, as in a checkout, readable by anybody."""
     beside = Path(__file__).parents[3] / "tests" / "new.txt"
     hidden = tmp_path / "playground.db"
     guards, worker, preparer = begun(readable=[tmp_path], hidden=[hidden])
@@ -61,7 +62,7 @@ def test_it_reads_neither_the_database_nor_what_lies_beside_it_nor_writes(begun,
     with tempfile.NamedTemporaryFile("w", dir="/dev/shm") as shared:
         assert worker.ask(["read", shared.name]).startswith("PermissionError")
     assert worker.ask(["write", str(preparer.folder / "own")]) == "1"
-    assert worker.ask(["read", __file__]).startswith('"""Processes'), "its packages it reads"
+    assert worker.ask(["read", __file__]).startswith('"""Worker processes'), "its packages it reads"
 
 
 def test_what_is_made_before_it_and_not_hidden_is_read(begun, tmp_path):
@@ -90,8 +91,8 @@ def test_it_ends_nobody_else(begun):
 
 def test_it_has_none_of_root_s_rights(begun):
     _, worker, _ = begun()
-    told = worker.ask(["read", "/proc/self/status"])
-    assert re.findall(r"Cap(?:Inh|Prm|Eff):\s*(\w+)", told) == ["0" * 16] * 3
+    status = worker.ask(["read", "/proc/self/status"])
+    assert re.findall(r"Cap(?:Inh|Prm|Eff):\s*(\w+)", status) == ["0" * 16] * 3
 
 
 @pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="Linux groups no sessions")
@@ -143,10 +144,10 @@ def test_what_cannot_be_prepared_says_why():
 
 def test_how_much_is_done_is_told_on_the_way(begun, monkeypatch):
     _, _, preparer = begun()
-    told = []
+    progress = []
     worker = preparer.begin({"steps": 2_000_000})
-    assert worker.answer(told.append) == "ready"
-    assert told == sorted(told) != []
+    assert worker.answer(progress.append) == "ready"
+    assert progress == sorted(progress) != []
 
 
 def test_a_message_beyond_the_limit_loses_the_worker(begun, monkeypatch):
@@ -157,11 +158,11 @@ def test_a_message_beyond_the_limit_loses_the_worker(begun, monkeypatch):
 
 
 def test_what_guards_and_what_does_not_is_said():
-    found = {NO_NETWORK: "", OTHER_USER: "the server is not root's", NO_OTHER_FILES: ""}
-    said = guards_of(found)
-    assert "with no network, no other files; not with another user (the server is not" in said
-    assert "against faults, not against malice" in said
-    assert "malice" not in guards_of(found | {OTHER_USER: ""})
+    guards = {NO_NETWORK: "", OTHER_USER: "the server is not root's", NO_OTHER_FILES: ""}
+    sentence = guards_of(guards)
+    assert "with no network, no other files; not with another user (the server is not" in sentence
+    assert "against faults, not against malice" in sentence
+    assert "malice" not in guards_of(guards | {OTHER_USER: ""})
 
 
 HIDING = """

@@ -1,4 +1,4 @@
-"""Every answer of the API has a form of its own: no open object where keys are fixed, and files have their media types.
+"""Every answer of the API has a form of its own.
 
 That answers have the form which the description gives them is checked wherever a test asks a server (`tests.support.answers`).
 """
@@ -90,12 +90,12 @@ def test_every_call_is_described_with_those_of_the_operators_page(tmp_path):
 @pytest.mark.parametrize("task", ["mars", "gymnasium:FrozenLake-v1"])
 def test_no_answer_of_any_call_is_open(tmp_path, task):
     description = description_of(tmp_path, task, admin=True)
-    found = {
+    open_answers = {
         part
         for call, _, schema in answers_of(description)
         for part in open_parts(schema, description["components"]["schemas"], call, set())
     }
-    assert found <= OPEN
+    assert open_answers <= OPEN
     assert "x-environment" not in json.dumps(description)
 
 
@@ -107,11 +107,11 @@ def test_an_open_answer_is_found(tmp_path):
         """Nothing in particular."""
 
     description = app.openapi()
-    found = [
+    open_answers = [
         (call, list(open_parts(schema, description["components"]["schemas"], call, set())))
         for call, _, schema in answers_of(description)
     ]
-    assert ("GET /api/open", ["GET /api/open"]) in found
+    assert ("GET /api/open", ["GET /api/open"]) in open_answers
 
 
 def test_files_have_their_media_types(tmp_path):

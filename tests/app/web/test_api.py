@@ -1,4 +1,4 @@
-"""Whole episodes over HTTP, each frame against the core; and what every kind of bad input gets."""
+"""Whole episodes over HTTP, each frame against the core; and bad input."""
 
 import html
 import json
@@ -123,7 +123,7 @@ def test_lists_go_on_after_the_last_episode_of_the_page_before(server):
     url = f"/api/sessions/{client.post('/api/sessions').json()['session']}"
     for _ in range(3):
         client.post(f"{url}/episodes")
-    mine = [each["episode"] for each in client.get("/api/me/history").json()["episodes"]]
+    mine = [row["episode"] for row in client.get("/api/me/history").json()["episodes"]]
     assert len(mine) == 3
     for path, page_of in (
         ("/api/episodes", lambda answer: answer),
@@ -131,7 +131,7 @@ def test_lists_go_on_after_the_last_episode_of_the_page_before(server):
     ):
         for at, last in enumerate(mine, 1):
             page = page_of(client.get(f"{path}?limit=2&after={last}").json())
-            assert [each["episode"] for each in page] == mine[at : at + 2]
+            assert [row["episode"] for row in page] == mine[at : at + 2]
         lost = client.get(f"{path}?after=lost")
         assert lost.status_code == 404
         assert "'lost'" in lost.json()["detail"]
@@ -163,10 +163,10 @@ BAD = [
 
 def test_a_bad_request_gets_422_and_nothing_begins(server):
     client = server.client()
-    for body, said in BAD:
+    for body, reason in BAD:
         answer = client.post("/api/sessions", content=json.dumps(body), headers=AS_JSON)
         assert answer.status_code == 422, body
-        assert said in answer.json()["detail"]
+        assert reason in answer.json()["detail"]
     assert client.get("/api/health").json()["sessions"] == 0
 
 
@@ -175,7 +175,7 @@ def test_bad_bodies_get_one_sentence_and_change_nothing(server):
     begun = client.post("/api/sessions").json()
     url, frame = f"/api/sessions/{begun['session']}", begun["frame"]
     up = b'{"episode": "e", "step": 0, "action": "up"}'
-    for content, headers, status, said in (
+    for content, headers, status, reason in (
         (b"{", AS_JSON, 422, "must be JSON"),
         (b"\xff\xfe\x00", AS_JSON, 422, ""),
         (b"", AS_JSON, 422, "expected a JSON object"),
@@ -185,7 +185,7 @@ def test_bad_bodies_get_one_sentence_and_change_nothing(server):
     ):
         answer = client.post(f"{url}/act", content=content, headers=headers)
         assert answer.status_code == status, content[:40]
-        assert said in answer.json()["detail"]
+        assert reason in answer.json()["detail"]
     endless = client.post(f"{url}/act", content=iter([b"x" * 40_000] * 3), headers=AS_JSON)
     assert endless.status_code == 413
     assert client.get(url).json() == frame
@@ -221,7 +221,7 @@ def test_what_can_be_chosen_is_listed(server):
     for level in levels:
         rocks = [[bits >> col & 1 for col in range(21)] for bits in level["example"]]
         assert rocks == generate(EnvConfig.of(level["name"], 21), 0).astype(int).tolist()
-    policies = {each["name"]: each["summary"] for each in client.get("/api/policies").json()}
+    policies = {policy["name"]: policy["summary"] for policy in client.get("/api/policies").json()}
     assert {"random", "frontier-cost", "frontier-utility", "frontier-priced"} <= policies.keys()
     assert all(policies.values())
     health = {"status": "ok", "core_version": "1", "database": "playground.db"}
@@ -235,7 +235,9 @@ def test_the_documentation_needs_nothing_from_elsewhere(server):
     assert page.status_code == 200
     addresses = re.findall(r'(?:src|href)="([^"#]+)', page.text)
     assert addresses
-    assert not [each for each in addresses if re.match(r"[a-z]+:|//", each)], "of somebody else"
+    assert not [address for address in addresses if re.match(r"[a-z]+:|//", address)], (
+        "of somebody else"
+    )
     assert "https://" not in page.text
     for path, verbs in client.get("/openapi.json").json()["paths"].items():
         assert path in page.text

@@ -1,4 +1,4 @@
-"""The costs of an ended episode over HTTP: for who may see the episode, and never of an open study's ranked terrains."""
+"""The costs of an ended episode over HTTP, for who may see the episode."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The daily terrain over HTTP: one attempt, one terrain for everybody, and nothing of it before its time."""
+"""The daily terrain over HTTP: one attempt, and nothing of it before its time."""
 
 import asyncio
 import re
@@ -38,7 +38,7 @@ def small(monkeypatch):
 
 
 def at_noon(server):
-    """Set a server's clock to noon (UTC) of tomorrow, so that no test runs into midnight."""
+    """Set a server's clock to noon (UTC) tomorrow, so that no test runs into midnight."""
     tomorrow = day_start_ms(utc_day(server.clock.now_ms())) + DAY_MS
     server.clock.skipped_ms += tomorrow + DAY_MS // 2 - server.clock.now_ms()
     return server
@@ -51,7 +51,10 @@ def begin(page, status=(200, 201)):
 
 
 def told(client, about, terrain, is_own=False):
-    """Ask every route about an episode; return what tells of it or of its terrain; its own player may know the first."""
+    """Ask every route about an episode, and return what reveals it or its terrain.
+
+    Its own player may learn of the episode.
+    """
     episode, seed = about["frame"]["episode"], terrain.seed
     tables = ["episodes.csv", "steps.csv"]
     exports = [f"/api/{whose}export/{table}" for whose in ("", "me/") for table in tables]
@@ -70,14 +73,14 @@ def told(client, about, terrain, is_own=False):
         "seed": str(seed), "key": terrain.series.secret, "terrain": about["terrain"],
         "day": "" if is_own else f'"daily":"{terrain.day}"',
     }  # fmt: skip
-    ids, found = rf'"(?:episode|session)": ?"({episode}|{about["session"]})', []
+    ids, leaks = rf'"(?:episode|session)": ?"({episode}|{about["session"]})', []
     for route in routes:
         text = client.get(route).text
         for asked in (route, episode + "' ", repr(about["session"])):
             text = text.replace(asked, "")
-        found += [(route, name) for name, secret in secrets.items() if secret and secret in text]
-        found += [] if is_own else [(route, each) for each in re.findall(ids, text)]
-    return found
+        leaks += [(route, name) for name, secret in secrets.items() if secret and secret in text]
+        leaks += [] if is_own else [(route, ident) for ident in re.findall(ids, text)]
+    return leaks
 
 
 def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, small):
@@ -116,7 +119,7 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
 
     def done():
         policies = page.get(f"/api/daily/{day}/results").json()["policies"]
-        return [each for each in policies if each["moves"]]
+        return [policy for policy in policies if policy["moves"]]
 
     assert eventually(done)[0]["coverage"] > 0.98
     (own_row,) = page.get("/api/me/history").json()["episodes"]
@@ -128,15 +131,15 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
 
     server.clock.skipped_ms += DAY_MS
     stranger, tomorrow = server.client(), utc_day(server.clock.now_ms())
-    own = stranger.get(f"/api/episodes/{frame['episode']}").json()
-    assert (own["daily"], own["counts"], own["attestation"]) == (day, False, "attested")
+    episode = stranger.get(f"/api/episodes/{frame['episode']}").json()
+    assert (episode["daily"], episode["counts"], episode["attestation"]) == (day, False, "attested")
     assert page.get("/api/me/export/episodes.csv").text.count(frame["episode"]) == 1
     assert frame["episode"] in stranger.get("/api/export/episodes.csv").text
     assert frame["episode"] not in stranger.get("/api/export/episodes.csv?who=human").text
     assert stranger.get("/api/human-level").json()["figures"] == []
     revealed = stranger.get(f"/api/daily/{day}").json()
     series = terrain.series
-    opened = {"key": series.secret, "seed": own["seed"], "commitment": series.commitment}
+    opened = {"key": series.secret, "seed": episode["seed"], "commitment": series.commitment}
     assert opened.items() <= revealed.items()
     assert stranger.get("/api/daily").json()["yesterday"] == revealed
     table = stranger.get(f"/api/daily/{day}/results").json()["people"]["table"]
@@ -170,6 +173,18 @@ def test_the_link_of_a_day_that_nobody_finished_shows_no_best_route(server, smal
     assert preview["og:image"] == f"{server.url}/replay/{frame['episode']}.png"
     assert preview["og:description"] == "1 person, and nobody finished."
     assert preview["og:image:alt"] == "The route of who came furthest"
+
+
+def test_a_day_names_the_nearest_days_that_have_a_terrain(server):
+    client, opened = at_noon(server).client(), []
+    for later in (0, 3, 1):
+        server.clock.skipped_ms += later * DAY_MS
+        opened.append(client.get("/api/daily").json()["day"])
+    beside = [client.get(f"/api/daily/{day}").json() for day in opened]
+    assert [day["older"] for day in beside] == [None, *opened[:2]]
+    assert [day["newer"] for day in beside] == [*opened[1:], None]
+    today = client.get("/api/daily").json()
+    assert (today["older"], today["newer"], today["yesterday"]) == (opened[1], None, beside[1])
 
 
 def test_nobody_can_practise_todays_terrain_by_its_seed(server, small):
@@ -230,7 +245,7 @@ def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_aba
 
     with closing(Store(tmp_path / "play.db")) as store:
         asyncio.run(scenario(store))
-        assert [each.outcome for each in attempts_of(store, "me")] == ["abandoned"]
+        assert [attempt.outcome for attempt in attempts_of(store, "me")] == ["abandoned"]
 
 
 def _stays(played, action):

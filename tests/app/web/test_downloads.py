@@ -1,4 +1,4 @@
-"""Tables over HTTP: a job writes one, which is then sent, so that a slow reader keeps no transaction and no place."""
+"""Tables over HTTP: a slow reader keeps no transaction and no place."""
 
 import contextlib
 import os
@@ -46,7 +46,7 @@ def small_buffers(monkeypatch):
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A database of episodes whose steps are more bytes than sockets hold, and how many steps they are."""
+    """A database of episodes with more bytes than sockets hold, and its step count."""
     path = tmp_path_factory.mktemp("long") / "playground.db"
     policy = load("frontier-cost", CONFIG.sensor_radius)
     actions = play_episode(policy, CONFIG, 4).actions
@@ -116,11 +116,11 @@ def test_two_who_read_a_byte_a_second_keep_no_place_and_no_transaction_and_get_t
         begun(two)
         got = [], []
         reading = [
-            threading.Thread(target=trickle, args=(each, done, bytes_of))
-            for each, bytes_of in zip((one, two), got, strict=True)
+            threading.Thread(target=trickle, args=(client, done, bytes_of))
+            for client, bytes_of in zip((one, two), got, strict=True)
         ]
-        for each in reading:
-            each.start()
+        for thread in reading:
+            thread.start()
         about = player.post("/api/sessions", json={"size": 9}).json()
         frame, session = about["frame"], about["session"]
         east = frame["grid"][0][1] != "#"
@@ -134,8 +134,8 @@ def test_two_who_read_a_byte_a_second_keep_no_place_and_no_transaction_and_get_t
         assert third.text.count("\n") == long_episodes + 1, "both places are free"
         eventually(lambda: all(got))
         done.set()
-        for each in reading:
-            each.join()
+        for thread in reading:
+            thread.join()
         content += b"".join(got[0])
         while piece := one.recv(1 << 16):
             content += piece
@@ -234,24 +234,27 @@ def test_a_server_that_stops_while_a_table_is_written_and_sent_ends_soon_and_lea
         assert server.process.wait(15) == 0
         assert time.monotonic() - began < 5
     assert not folder.exists()
-    said = server.process.stdout.read().splitlines()
-    assert not [line for line in said if "Cancel 1 running task(s)" not in line], said
+    lines = server.process.stdout.read().splitlines()
+    assert not [line for line in lines if "Cancel 1 running task(s)" not in line], lines
 
 
 def writers(folder):
-    """The processes that write files of a folder; one that is sent has no name any more."""
+    """The processes that write files of a folder, also files without a name.
+
+    A file that is being sent has no name any more.
+    """
     return [
-        int(each.name)
-        for each in Path("/proc").glob("[0-9]*")
-        if any(not path.endswith(" (deleted)") for path in open_downloads(each.name, folder))
+        int(process.name)
+        for process in Path("/proc").glob("[0-9]*")
+        if any(not path.endswith(" (deleted)") for path in open_downloads(process.name, folder))
     ]
 
 
 def open_downloads(process, folder="-downloads/"):
-    """The tables that a process holds open; where they are sent, their files have no name any more."""
-    found = []
+    """The tables that a process holds open; while they are sent, they have no name."""
+    downloads = []
     with contextlib.suppress(OSError):
-        for each in Path(f"/proc/{process}/fd").iterdir():
+        for link in Path(f"/proc/{process}/fd").iterdir():
             with contextlib.suppress(FileNotFoundError):
-                found += [target] if str(folder) in (target := str(each.readlink())) else []
-    return found
+                downloads += [target] if str(folder) in (target := str(link.readlink())) else []
+    return downloads

@@ -1,4 +1,4 @@
-"""A server on a machine that has compiled nothing: the page comes at once, and a process beside the server compiles."""
+"""A server that has compiled nothing: the page comes at once."""
 
 import os
 import sys
@@ -25,7 +25,7 @@ COMPILING_S = 240.0
 
 
 def move_until(done, client, board):
-    """Drive a rover to and fro until `done()`; return how long each move took, in seconds."""
+    """Drive a rover to and fro until `done()`; return the seconds of each move."""
     frame, took = board["frame"], []
     there, back = ("east", "west") if frame["grid"][0][1] == "." else ("south", "north")
     while not done():

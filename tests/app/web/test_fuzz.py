@@ -1,5 +1,6 @@
-"""Nothing that a client sends makes a server error, or an answer that is not as described: every call of the API's
-description, every message of every socket.
+"""Whatever a client sends, the server answers as described and never fails.
+
+Tested are every call of the API's description, and every message of every socket.
 
 What is sent is drawn from the seed alone, so a finding is found again.
 """
@@ -46,7 +47,7 @@ EXTREMES = [
 def faults(caplog):
     """Return what the server has logged as an error of its own."""
     caplog.set_level(logging.ERROR)
-    return lambda: [each.getMessage() + str(each.exc_info) for each in caplog.records]
+    return lambda: [record.getMessage() + str(record.exc_info) for record in caplog.records]
 
 
 NO_LIMIT = {"messages": "1000000+1000000/s"}
@@ -60,7 +61,7 @@ def site(serve, tmp_path, request):
 
 
 def real_ids(server):
-    """Return parameters that lead somewhere: a board, an ended episode, a study that the client takes part in."""
+    """Parameters that lead somewhere: a board, an ended episode, a joined study."""
     me = Person(server, client=server.page())
     begun = me.client.post("/api/sessions", json={"size": 5, "seed": 3, "player": "random"}).json()
     me.client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 8})
@@ -72,7 +73,10 @@ def real_ids(server):
 
 
 def without_tuples(schema):
-    """A description whose tuples are lists of the same length: Schemathesis makes of tuples what it then refuses."""
+    """An API description with lists of the same length in place of tuples.
+
+    Schemathesis makes of tuples what it then refuses.
+    """
     if isinstance(schema, list):
         return [without_tuples(part) for part in schema]
     if not isinstance(schema, dict):
@@ -101,7 +105,7 @@ def test_no_call_of_the_api_makes_a_server_error_or_an_answer_of_another_form(si
     client, ids = real_ids(site)
     client.event_hooks = {}  # all that is found is told at the end
     schema = schemathesis.openapi.from_dict(without_tuples(client.get("/openapi.json").json()))
-    operations = [found.ok() for found in schema.get_all_operations()]
+    operations = [operation.ok() for operation in schema.get_all_operations()]
     assert len(operations) > 30
     asked, errors = [], []
     for operation in operations:
@@ -117,13 +121,13 @@ def test_no_call_of_the_api_makes_a_server_error_or_an_answer_of_another_form(si
             for name in set(case.path_parameters or {}) & set(ids):
                 if draw.random() < 0.7:
                     case.path_parameters[name] = ids[name]
-            given = case.as_transport_kwargs(base_url=site.url)
-            given.pop("cookies", None)
+            sent = case.as_transport_kwargs(base_url=site.url)
+            sent.pop("cookies", None)
             # what no client can write into a header or an address
             with suppress(UnicodeError, ValueError):
                 request = client.build_request(
-                    given["method"], given["url"], params=given.get("params"), headers=dict(given.get("headers") or {}),
-                    json=given.get("json"), content=given.get("data"),
+                    sent["method"], sent["url"], params=sent.get("params"), headers=dict(sent.get("headers") or {}),
+                    json=sent.get("json"), content=sent.get("data"),
                 )  # fmt: skip
                 answer = client.send(request)
                 asked.append(answer.status_code)
@@ -156,10 +160,10 @@ def mutated(message, draw):
     message = json.loads(json.dumps(message))
     for _ in range(draw.randrange(1, 4)):
         place, key = draw.choice(list(places(message)))
-        what = draw.random()
-        if what < 0.2:
+        chance = draw.random()
+        if chance < 0.2:
             place.pop(key)
-        elif what < 0.3 and isinstance(place, dict):
+        elif chance < 0.3 and isinstance(place, dict):
             place[draw.choice(["kind", "x", "episode", "step"])] = draw.choice(WORDS)
         else:
             place[key] = draw.choice(draw.choice([WORDS, EXTREMES]))
@@ -173,19 +177,19 @@ def mutated(message, draw):
 
 def places(value):
     """Yield (container, key) of everything inside a message."""
-    for key, each in list(value.items() if isinstance(value, dict) else enumerate(value)):
+    for key, part in list(value.items() if isinstance(value, dict) else enumerate(value)):
         yield value, key
-        if isinstance(each, dict | list):
-            yield from places(each)
+        if isinstance(part, dict | list):
+            yield from places(part)
 
 
 def sockets(server):
-    """Yield a name, an address and its options for each socket, and good messages to begin from."""
+    """Yield each socket's name, address and options, and good messages to begin from."""
     page = server.page()
     begun = page.post("/api/sessions", json={"size": 5, "seed": 3}).json()
     policy = page.post("/api/sessions", json={"size": 5, "player": "random"}).json()
     page.post("/api/admin/login", json={"password": "correct-horse"})
-    cookie = {"Cookie": "; ".join(f"{each.name}={each.value}" for each in page.cookies.jar)}
+    cookie = {"Cookie": "; ".join(f"{cookie.name}={cookie.value}" for cookie in page.cookies.jar)}
     frame = begun["frame"]
     event = {
         "kind": "keydown",
@@ -212,7 +216,10 @@ def sockets(server):
 
 
 def talk(url, options, messages):
-    """Send messages over one connection for as long as it is open; return how many went, and the code it closed with."""
+    """Send messages over one connection while it is open.
+
+    Returns how many went, and the code that it closed with.
+    """
     plain = dict.fromkeys(("proxy", "compression", "max_size", "max_queue")) | {
         "open_timeout": PATIENCE_S
     }
@@ -239,12 +246,12 @@ def test_no_message_to_any_socket_makes_a_server_error(site, faults):
     for path, rest, headers, good in sockets(site):
         url = f"ws://127.0.0.1:{site.port}{path}"
         options = {"origin": site.url, "additional_headers": headers, **rest}
-        said = [
+        results = [
             talk(url, options, [mutated(draw.choice(good), draw) for _ in range(ON_ONE_SOCKET)])
             for _ in range(MESSAGES // ON_ONE_SOCKET)
         ]
-        codes = Counter(code for _, code in said)
-        print(path, sum(sent for sent, _ in said), codes)
+        codes = Counter(code for _, code in results)
+        print(path, sum(sent for sent, _ in results), codes)
         assert faults() == [], path
         assert not {1006, 1011} & set(codes), "lost, or a server error"
     assert site.client().post("/api/sessions").status_code == 201

@@ -1,4 +1,4 @@
-"""A client that somebody else's generator makes of the API's description plays an episode.
+"""A client from somebody else's generator plays an episode.
 
 `make client` installs the generator, openapi-python-client, in `.venv-client`: it wants an older typer than ours.
 """

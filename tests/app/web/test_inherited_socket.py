@@ -1,4 +1,4 @@
-"""A socket that systemd holds: the server can be started anew, and nobody who connects meanwhile is refused."""
+"""A socket that systemd holds: a restart refuses nobody."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ from tests.support.servers import PATIENCE_S, RunningServer, eventually
 
 
 def begin_and_move(server):
-    """Begin a board over HTTP, make a move over its socket, and return the client and the board."""
+    """Begin a board over HTTP, make a move over its socket; return client and board."""
     client = server.page()
     begun = client.post("/api/sessions", json={"size": [7, 9], "seed": 1}).json()
     with server.socket(begun["session"], client) as board:
@@ -66,11 +66,11 @@ def test_two_sockets_are_refused_in_a_sentence(monkeypatch):
 @pytest.mark.skipif(shutil.which("systemd-socket-activate") is None, reason="needs systemd")
 def test_systemd_passes_its_socket_on_to_the_command(tmp_path):
     port = free_port()
-    kept = [f"--setenv={name}" for name in ("PATH", "PYTHONPATH", "HOME")]
+    variables = [f"--setenv={name}" for name in ("PATH", "PYTHONPATH", "HOME")]
     command = [
         "systemd-socket-activate",
         f"--listen=127.0.0.1:{port}",
-        *kept,
+        *variables,
         sys.executable,
         "-m",
         "humanplay.cli",

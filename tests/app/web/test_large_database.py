@@ -1,4 +1,4 @@
-"""What public reads cost does not grow with the database: what SQLite does for each at 400 and at 4,000 episodes."""
+"""What public reads cost does not grow with the database."""
 
 import sqlite3
 import time
@@ -56,22 +56,30 @@ def so_far():
 
 
 def is_quiet(seconds=0.05):
-    """Return whether SQLite has nothing to do for a while: what a server does at its start, or after an answer, is over."""
-    made = Counting.made
+    """Whether SQLite has had nothing to do for a while.
+
+    What a server does at its start or after an answer is over then.
+    """
+    before = Counting.made
     time.sleep(seconds)
-    return Counting.made == made
+    return Counting.made == before
 
 
 def cost_of(read):
-    """Return the least of some readings, since a server does things by itself; and how many episodes the answer lists."""
-    found = []
+    """The least of some readings, and how many episodes the answer lists.
+
+    The server also reads by itself, so that single readings are too high.
+    """
+    measured = []
     read()
     eventually(is_quiet)  # the first may have set off what takes long
     for _ in range(4):
         before = so_far()
         answer = read()
-        found.append(Cost(*(b - a for a, b in zip(before, so_far(), strict=True))))
-    return Cost(*map(min, zip(*found, strict=True))), len(answer) if isinstance(answer, list) else 1
+        measured.append(Cost(*(b - a for a, b in zip(before, so_far(), strict=True))))
+    return Cost(*map(min, zip(*measured, strict=True))), len(answer) if isinstance(
+        answer, list
+    ) else 1
 
 
 def get(client, path):
@@ -86,15 +94,15 @@ def newest(database):
 
 
 def costs(folder, policies):
-    """Return what is read, and what each reading costs a server that has answered it before."""
+    """What is read, and what each reading costs a server that has answered it before."""
     database = folder / "playground.db"
     reads, settings = public_reads(database), {"database": database}
     with running_server(policies, limits=hasty_limits(), **settings) as server:
         eventually(lambda: is_quiet(0.2))
         cookie = server.services.player_tokens.sign("a")
         client = server.client(cookies={PLAYER_COOKIE: cookie})
-        found = [cost_of(partial(get, client, path)) for path in reads]
-    return [*reads, "a board's newest episodes"], [*found, cost_of(partial(newest, database))]
+        measured = [cost_of(partial(get, client, path)) for path in reads]
+    return [*reads, "a board's newest episodes"], [*measured, cost_of(partial(newest, database))]
 
 
 @pytest.mark.skipif(not Path("/proc/self/io").exists(), reason="counts pages as Linux does")

@@ -1,4 +1,4 @@
-"""Nothing hidden leaks: terrains that agree on all that was seen give the same streams, byte for byte.
+"""Nothing hidden leaks: equal sights give equal streams, byte for byte.
 
 Two servers with the same ids, clock and secret play the same moves on two terrains. Up to the first move that shows a
 difference, all that leaves them must be equal: the play socket, HTTP, and the 3-D socket once it is decompressed.
@@ -35,7 +35,10 @@ PATH = [1, 2] * 6
 
 
 def sights(config, seed, rival, moves=None):
-    """What the player knows after 0, 1, 2, ... moves along PATH, and a rival beside it; both end with the first end."""
+    """What a player and a rival know after 0, 1, 2, ... moves along PATH.
+
+    Both end with the first end.
+    """
     player, beside = Episode.begin(config, seed=seed), Episode.begin(config, seed=seed)
     policy = load(RIVAL)
     policy.reset(POLICY_SEED)
@@ -58,12 +61,15 @@ def agreement(one, other):
 
 @functools.cache
 def twins(config, rival, at_least=4):
-    """Two seeds whose terrains look the same for the first moves, and the number of the first that tells them apart."""
-    known = {}
+    """Two seeds whose terrains look the same for the first moves.
+
+    With the number of the first move that tells them apart.
+    """
+    first_seeds = {}
     for seed in range(FIRST_SEED, FIRST_SEED + 5000):
-        earlier = known.setdefault(tuple(sights(config, seed, rival, at_least - 1)), seed)
+        earlier = first_seeds.setdefault(tuple(sights(config, seed, rival, at_least - 1)), seed)
         if earlier != seed:
-            one, other = (sights(config, each, rival) for each in (earlier, seed))
+            one, other = (sights(config, twin_seed, rival) for twin_seed in (earlier, seed))
             moves = agreement(one, other)
             if at_least <= moves < min(len(one), len(other)):
                 return earlier, seed, moves
@@ -85,7 +91,10 @@ class Tape:
 
 
 class Recorder:
-    """Plays PATH on the terrain of a seed, the server's own draw, and keeps what every route of the server gives away."""
+    """Plays PATH on a seed's terrain, and records what every route answers.
+
+    The seed is the server's own draw.
+    """
 
     more = ()
 
@@ -119,8 +128,8 @@ class Recorder:
 
     def answer(self, method, url, **rest):
         response = self.client.request(method, url, **rest)
-        own = ("date", "x-request-id")
-        headers = sorted(each for each in response.headers.items() if each[0] not in own)
+        varying = ("date", "x-request-id")
+        headers = sorted(header for header in response.headers.items() if header[0] not in varying)
         self.tape.add(f"{response.status_code} {headers}".encode(), response.content)
         return response
 
@@ -137,8 +146,8 @@ class Recorder:
             "export/steps.csv",
         )
         episode = self.frame["episode"]
-        own = (f"episodes/{episode}", f"watch/{episode}", f"watch/{self.watch}")
-        for url in (*lists, *own, *self.more):
+        of_episode = (f"episodes/{episode}", f"watch/{episode}", f"watch/{self.watch}")
+        for url in (*lists, *of_episode, *self.more):
             self.answer("GET", f"/api/{url}")
 
     def move(self, action):
@@ -157,17 +166,20 @@ class Recorder:
 
 
 class ParticipantRecorder(Recorder):
-    """Plays PATH in a phase of a study, over the participant's socket; asks the study's routes and a stranger's as well."""
+    """Plays PATH in a phase of a study, over the participant's socket.
+
+    It asks the study's routes, and a stranger's as well.
+    """
 
     more = ("studies", "studies/twins", "studies/twins/me", "studies/twins/debrief/0")
 
     def begin(self, phase):
         person = Person(self.server, "twins", self.client)
         person.to_warm_up()
-        while (where := person.me())["stage"] != phase:
+        while (state := person.me())["stage"] != phase:
             person.call("next")
             person.call("give-up", {name: person.frame[name] for name in ("episode", "step")})
-        self.tape.add(str(where).encode(), str(person.call("next")).encode())
+        self.tape.add(str(state).encode(), str(person.call("next")).encode())
         return person.where["about"]
 
     def send(self, action):
@@ -184,13 +196,13 @@ class ParticipantRecorder(Recorder):
 
     def ask_everything(self):
         super().ask_everything()
-        own, self.client = self.client, self.server.client()
+        participant, self.client = self.client, self.server.client()
         super().ask_everything()
-        self.client = own
+        self.client = participant
 
 
 def sources(seed):
-    """Ids that count, one clock reading, and a draw that gives the terrain's seed first."""
+    """IDs that count, a clock that stands, and a draw that gives the seed first."""
     numbers, draws = itertools.count(), itertools.chain([seed], itertools.repeat(POLICY_SEED))
 
     def name():
@@ -201,7 +213,7 @@ def sources(seed):
 
 @pytest.fixture
 def recorded(serve, tmp_path, monkeypatch):
-    """`recorded(seed, body, moves, recorder)` -> the recorder, which holds its server's tape."""
+    """`recorded(seed, body, moves, recorder)` returns the recorder with its tape."""
     monkeypatch.setattr(Store, "secret", lambda self: "the same for all")
 
     def run(seed, body, moves, recorder=Recorder):
@@ -227,8 +239,8 @@ def writings(seed):
 
 
 def check_twins(recorders, seeds, moves):
-    """The tapes are equal up to the first move that shows a difference, and no seed is in them."""
-    first, second = (each.tape for each in recorders)
+    """The tapes are equal up to the first move with a difference, and hold no seed."""
+    first, second = (recorder.tape for recorder in recorders)
     for number in range(moves):
         assert len(first.moments[number]) > 20
         assert first.moments[number] == second.moments[number], f"after {number} moves"
@@ -249,7 +261,7 @@ def test_what_nobody_has_seen_leaves_no_trace_in_any_stream(recorded, size, riva
 
 @pytest.fixture
 def studied(recorded, tmp_path, monkeypatch):
-    """`studied(seed, phase, moves, size)` -> the recorder of a participant on the seed's terrain."""
+    """`studied(seed, phase, moves, size)` returns a participant's recorder."""
     frozen = []
 
     def run(seed, phase, moves, size):
@@ -274,7 +286,7 @@ def test_what_a_participant_has_not_seen_leaves_no_trace_in_a_studys_streams(stu
 
 
 def test_the_seed_is_published_once_the_episode_is_over_and_not_before(recorded):
-    """The search for a seed finds one where there is one: in what is published of a finished episode."""
+    """The search does find a seed: in what a finished episode publishes."""
     recorder = recorded(FIRST_SEED, {"size": [9, 14]}, 2)
     assert str(FIRST_SEED).encode() not in recorder.tape.bytes
     recorder.client.post(f"/api/sessions/{recorder.ids[0]}/episodes")

@@ -1,4 +1,4 @@
-"""Given maps over the API: offered by name, played as practice, kept with their cells, and played again without their file."""
+"""Maps over the API: played as practice, stored, and played without their file."""
 
 import json
 
@@ -27,7 +27,7 @@ def warehouse(tmp_path):
 
 
 def explore(client, begun):
-    """Play the rule to the end of the episode and return its last frame, each one compared with an episode of our own."""
+    """Play the rule to the end, comparing each frame; return the last frame."""
     config, start = EnvConfig.of(MAP, WAREHOUSE.shape), tuple(begun["frame"]["position"])
     episode = Episode.begin(config, terrain=WAREHOUSE, start=start)
     assert json.loads(View(episode).frame(begun["frame"]["episode"])) == begun["frame"]
@@ -40,24 +40,24 @@ def test_a_map_is_played_to_its_end_and_again_after_a_restart_without_its_file(s
     (offered,) = client.get("/api/maps").json()
     assert (offered["name"], offered["size"]) == ("warehouse", [9, 14])
     begun = client.post("/api/sessions", json={"map": "warehouse"}).json()
-    told = {"level": MAP, "map": "warehouse", "size": [9, 14], "counts": False}
-    assert told.items() <= begun.items()
+    expected = {"level": MAP, "map": "warehouse", "size": [9, 14], "counts": False}
+    assert expected.items() <= begun.items()
     assert begun["frame"]["cells"] == CELLS < WAREHOUSE.size
     frame = explore(client, begun)
     assert frame["outcome"] == "explored"
     assert frame["coverage"] == frame["discovered"] / CELLS >= 0.99
-    kept = client.get(f"/api/episodes/{frame['episode']}").json()
-    told = {name: frame[name] for name in ("coverage", "score")} | {
+    stored = client.get(f"/api/episodes/{frame['episode']}").json()
+    expected = {name: frame[name] for name in ("coverage", "score")} | {
         "seed": None,
         "seed_chosen": True,
     }
-    assert told.items() <= kept.items()
+    assert expected.items() <= stored.items()
     run = client.get(f"/api/episodes/{frame['episode']}/replay").json()["run"]
     assert (run["cells"], run["discovered"][-1]) == (CELLS, frame["discovered"])
     ghost = client.get(f"/api/episodes/{frame['episode']}/ghost?policy=frontier-utility").json()
     assert (ghost["outcome"], ghost["cells"]) == ("explored", CELLS)
-    (own,) = client.get("/api/me/history").json()["episodes"]
-    assert (own["kind"], own["coverage"]) == ("practice", frame["coverage"])
+    (episode,) = client.get("/api/me/history").json()["episodes"]
+    assert (episode["kind"], episode["coverage"]) == ("practice", frame["coverage"])
     server.stop()
 
     server = serve()
@@ -149,18 +149,18 @@ REFUSED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("files", "said"), REFUSED)
+@pytest.mark.parametrize(("files", "message"), REFUSED)
 def test_a_map_that_cannot_be_offered_is_named_before_the_server_starts(
-    tmp_path, capsys, files, said
+    tmp_path, capsys, files, message
 ):
     for folder in (tmp_path / "a", tmp_path / "b"):
         folder.mkdir()
         write_map(folder, "hall")
     write_map(tmp_path, "wide", np.zeros((9, 257), bool))
     arguments = [f"--map={tmp_path / name}" for name in files]
-    where = "--port=0", "--cell=1", f"--database={tmp_path / 'x.db'}"
-    code, _, err = command(capsys, "serve", *where, *arguments)
-    assert (code, said in err) == (1, True)
+    options = "--port=0", "--cell=1", f"--database={tmp_path / 'x.db'}"
+    code, _, err = command(capsys, "serve", *options, *arguments)
+    assert (code, message in err) == (1, True)
     assert not (tmp_path / "x.db").exists()
 
 

@@ -1,4 +1,4 @@
-"""Several environments on one server: the first at /, each further one below /play with a database of its own."""
+"""Several environments on one server, each with a database of its own."""
 
 from humanplay.study.verification import verify_database
 from tests.support.study import freeze
@@ -8,13 +8,13 @@ CLIFFS, PASSWORD = "/play/cliffwalking-v1", "correct horse battery"
 
 
 def check_that_limits_are_shared(server):
-    """Two boards may begin, whichever environment they are of, and five wrong passwords be tried."""
+    """In all environments together, two boards may begin and five passwords be tried."""
     page = server.page()
     begun = [page.post(f"{at}/api/sessions", json={}) for at in ("", CLIFFS, "", CLIFFS)]
-    assert [each.status_code for each in begun] == [201, 201, 429, 429]
+    assert [answer.status_code for answer in begun] == [201, 201, 429, 429]
     login = {"password": "none of theirs"}
     tried = [page.post(f"{at}/api/admin/login", json=login) for at in (*5 * (CLIFFS,), "")]
-    assert [each.status_code for each in tried] == [*5 * (401,), 429]
+    assert [answer.status_code for answer in tried] == [*5 * (401,), 429]
 
 
 def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, tmp_path):
@@ -39,8 +39,8 @@ def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, t
         begun[at] = answer.json()
         assert begun[at]["task"]["title"] == title
     for at, board in begun.items():
-        found = person.get(f"{at}/api/me/session").json()
-        assert found["session"] == board["session"], "no board takes another's cookie"
+        present = person.get(f"{at}/api/me/session").json()
+        assert present["session"] == board["session"], "no board takes another's cookie"
         assert server.client().get(f"{at}/api/sessions/{board['session']}").status_code == 404
     action = begun["/play/cliffwalking-v1"]["task"]["actions"][0]
     with server.socket(

@@ -1,4 +1,4 @@
-"""Pages where a browser asks, JSON for programs: unknown addresses, wrong methods, faults; the list of studies."""
+"""Pages for browsers, JSON for programs: unknown addresses, methods, faults."""
 
 import re
 from urllib.parse import urljoin
@@ -22,12 +22,12 @@ def test_an_unknown_address_is_a_page_for_a_browser_whose_links_lead_somewhere(s
         assert (answer.status_code, answer.headers["content-type"]) == (404, HTML), path
         assert "There is nothing here" in answer.text
         assert "default-src 'self'" in answer.headers["content-security-policy"]
-        found = re.findall(r'(?:href|src)="([^"]+)"', answer.text)
-        links = {urljoin(path, each) for each in found}
-        files = {each for each in links if each.startswith("/static/")}
+        addresses = re.findall(r'(?:href|src)="([^"]+)"', answer.text)
+        links = {urljoin(path, address) for address in addresses}
+        files = {link for link in links if link.startswith("/static/")}
         assert {"/", "/leaderboard", "/about"} <= links, path
-        assert {each.split("/", 3)[3] for each in files} == FILES, path
-        assert [client.get(each).status_code for each in files] == [200] * 3
+        assert {file.split("/", 3)[3] for file in files} == FILES, path
+        assert [client.get(file).status_code for file in files] == [200] * 3
 
 
 def test_a_program_gets_json_wherever_it_asks(serve):
@@ -42,10 +42,10 @@ def test_a_program_gets_json_wherever_it_asks(serve):
 
 def test_an_address_is_shown_as_text_and_a_method_that_is_not_taken_says_so(serve):
     client = serve().client()
-    found = client.get("/<script>alert(1)</script>", headers=BROWSER)
-    assert found.status_code == 404
-    assert "<script>alert" not in found.text
-    assert "&lt;script&gt;alert" in found.text
+    answer = client.get("/<script>alert(1)</script>", headers=BROWSER)
+    assert answer.status_code == 404
+    assert "<script>alert" not in answer.text
+    assert "&lt;script&gt;alert" in answer.text
     refused = client.post("/leaderboard", headers=BROWSER)
     assert (refused.status_code, refused.headers["allow"]) == (405, "GET")
     assert "This address is not used that way" in refused.text
@@ -68,8 +68,8 @@ def test_head_is_answered_wherever_get_is(serve):
 
 def test_behind_a_prefix_the_links_of_an_error_stay_behind_it(serve):
     answer = serve().client().get("/a/b", headers=BROWSER)
-    found = re.search(r'src="([^"]+theme.js)"', answer.text)[1]
-    assert re.fullmatch(r"/mars/static/\w+/common/theme.js", urljoin("/mars/a/b", found))
+    script = re.search(r'src="([^"]+theme.js)"', answer.text)[1]
+    assert re.fullmatch(r"/mars/static/\w+/common/theme.js", urljoin("/mars/a/b", script))
 
 
 def test_a_fault_is_a_page_or_json_and_keeps_its_reason_to_itself(serve, monkeypatch, tmp_path):
@@ -103,7 +103,7 @@ def test_the_list_of_studies_says_who_may_join(serve, tmp_path):
     freeze(tmp_path / "playground.db-studies", "invited", recruitment="invitation")
     freeze(tmp_path / "playground.db-studies", "anybody", recruitment="open")
     client = serve().client()
-    listed = {each["name"]: each for each in client.get("/api/studies").json()}
+    listed = {study["name"]: study for study in client.get("/api/studies").json()}
     assert listed["invited"]["recruitment"] == "invitation"
     shown = {"recruitment": "open", "warm_up": 2, "ranked": 3, "status": "open"}
     assert shown.items() <= listed["anybody"].items()

@@ -1,4 +1,4 @@
-"""How many modules one move over the socket enters, and how often it goes from one to another."""
+"""How many modules one move over the socket enters, and how often."""
 
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ NOT_OF_THE_MOVE = ("on_loop", "measure_lag")
 
 
 class Trace:
-    """The modules of ours that one thread enters, in their order, each named once where it stays in one."""
+    """The modules of ours that a thread enters, in order; staying in one counts once."""
 
     def __init__(self):
         self.went = []
@@ -53,7 +53,7 @@ def test_a_move_enters_few_modules(server):
         server.on_loop(on_loop(loop.stop))
         server.on_loop(store.write(writes.stop))
     modules = {*loop.went, *writes.went}
-    switches = sum(len(each.went) - 1 for each in (loop, writes))
+    switches = sum(len(trace.went) - 1 for trace in (loop, writes))
     print(f"\n{len(modules)} modules, {switches} switches")
     assert len(modules) <= MOST_MODULES
     assert switches <= MOST_SWITCHES

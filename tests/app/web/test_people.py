@@ -1,4 +1,4 @@
-"""Names: chosen by oneself, shown with a gap to Expert, and no part of a study or a human score."""
+"""Names: chosen by oneself, and no part of a study or a human score."""
 
 import io
 import json
@@ -36,7 +36,10 @@ RANDOM_21 = EnvConfig.of("random", 21)
 
 @pytest.fixture
 def played(tmp_path):
-    """A database in which Ada explored five ranked terrains, Bob left five, Cid explored four, and all played yesterday's."""
+    """A database with players of the leaderboard.
+
+    Ada explored five ranked terrains, Bob left five, Cid explored four; all played yesterday's.
+    """
     yesterday = day_before(utc_day(NOW))
     with closing(Store(tmp_path / "playground.db")) as store:
         for seed in range(5):
@@ -75,8 +78,8 @@ def moves_behind(server, player, seeds):
     for seed in seeds:
         run = play_episode(expert, RANDOM_21, seed)
         sql = "SELECT e.steps FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE s.owner_id = ? AND e.seed = ?"
-        (own,) = server.services.store.query(sql, [player, seed])
-        behind.append(min(100, own["steps"] - len(run.actions)))
+        (episode,) = server.services.store.query(sql, [player, seed])
+        behind.append(min(100, episode["steps"] - len(run.actions)))
     return behind
 
 
@@ -87,17 +90,36 @@ def test_people_stand_by_the_worse_end_of_their_moves_behind_expert(serve, playe
     board = people(server, "ada")
     behind = moves_behind(server, "ada", range(5))
     ada, bob = board["people"]
-    assert [each["name"] for each in (ada, bob)] == ["Ada 7", "Bob 7"], "Cid has played four"
+    assert [person["name"] for person in (ada, bob)] == ["Ada 7", "Bob 7"], "Cid has played four"
     assert ada["behind"] == pytest.approx(sum(behind) / 5)
     assert ada["behind"] < ada["worse"] <= 100
     assert (ada["place"], ada["terrains"], ada["you"], bob["you"]) == (1, 5, True, False)
     assert (bob["behind"], bob["worse"]) == (100, 100), "what was left counts a hundred"
     assert board["ranked"] == 2
-    own = {key: ada[key] for key in ("place", "behind", "worse", "terrains")}
-    assert board["you"] == {"name": "Ada 7", "hidden": False, "missing": 0, **own}
+    figures = {key: ada[key] for key in ("place", "behind", "worse", "terrains")}
+    assert board["you"] == {
+        "name": "Ada 7",
+        "hidden": False,
+        "missing": 0,
+        "comparing": 0,
+        **figures,
+    }
     cid = people(server, "cid")["you"]
     assert (cid["place"], cid["terrains"], cid["missing"], cid["worse"]) == (None, 4, 1, None)
     assert people(server)["you"] is None
+
+
+@pytest.mark.parametrize(("player", "waiting"), [("ada", 3), ("bob", 0)])
+def test_a_standing_counts_only_the_players_own_waiting_terrains(tmp_path, player, waiting):
+    database = tmp_path / "playground.db"
+    with closing(Store(database)) as store:
+        for seed in range(3):
+            play(store, seed, "ada", config=RANDOM_21)
+        play(store, 9, "bob")  # of another size
+    with Jobs(1) as jobs:
+        board = PeopleBoard(database, jobs).table(player, 0)
+    assert board["comparing"] == 3
+    assert board["you"]["comparing"] == waiting
 
 
 def test_a_week_holds_what_ended_in_it(serve, played):
@@ -109,9 +131,9 @@ def test_a_week_holds_what_ended_in_it(serve, played):
         )
         store.connection.commit()
     server = serve()
-    assert [each["terrains"] for each in people(server, "ada")["people"]] == [10, 5]
+    assert [person["terrains"] for person in people(server, "ada")["people"]] == [10, 5]
     week = people(server, "ada", "week")
-    assert [each["terrains"] for each in week["people"]] == [5], "all of Bob's are older"
+    assert [person["terrains"] for person in week["people"]] == [5], "all of Bob's are older"
     assert people(server, "cid", "week")["you"]["missing"] == 5
 
 
@@ -124,7 +146,7 @@ def test_whoever_plays_on_as_well_stands_better_than_whoever_stops():
     table = standings(
         [*left, *stopped, *often, *lucky], dict[int, int | None].fromkeys(range(24), 60)
     )
-    assert [each.player_id for each in table] == ["often", "lucky", "stopped", "left"]
+    assert [person.player_id for person in table] == ["often", "lucky", "stopped", "left"]
     assert table[0].behind == pytest.approx(table[2].behind)
     assert table[3] == ("left", 4, 100.0, None)
 
@@ -188,7 +210,7 @@ def test_a_name_is_changed_hidden_and_removed_and_no_two_look_alike(serve, playe
     server = serve(admin=True, admin_password="correct horse battery")
 
     def shown():
-        names = [each["name"] for each in people(server)["people"]]
+        names = [person["name"] for person in people(server)["people"]]
         return [name for name in names if name]
 
     assert named(server, "ada", "Ada").status_code == 200
@@ -208,7 +230,10 @@ def test_a_name_is_changed_hidden_and_removed_and_no_two_look_alike(serve, playe
     assert named(server, "bob", "Bobby").json()["hidden"]
     assert shown() == ["Ada L"], "a new name does not bring a hidden one back"
     listed = operator.get("/api/admin/overview").json()["names"]
-    assert {each["name"]: each["hidden"] for each in listed} == {"Ada L": False, "Bobby": True}
+    assert {person["name"]: person["hidden"] for person in listed} == {
+        "Ada L": False,
+        "Bobby": True,
+    }
     assert page_of(server, "ada").delete("/api/me/name").json()["name"] is None
     assert shown() == []
 
@@ -234,34 +259,34 @@ def test_no_name_reaches_a_study_or_a_human_score(serve, played, tmp_path):
     freeze(tmp_path / "playground.db-studies")
     server = serve()
     assert named(server, "ada", "Lovelace").status_code == 200
-    own = page_of(server, "ada")
-    own.post("/api/studies/small/join", json={}).raise_for_status()
-    told = [
-        own.get(f"/api/{each}").content
-        for each in ("export/episodes.csv", "export/steps.csv", "human-level", "leaderboard",
+    page = page_of(server, "ada")
+    page.post("/api/studies/small/join", json={}).raise_for_status()
+    contents = [
+        page.get(f"/api/{route}").content
+        for route in ("export/episodes.csv", "export/steps.csv", "human-level", "leaderboard",
                      "studies/small/me", "episodes?limit=50", "me/history")
     ]  # fmt: skip
-    archive = zipfile.ZipFile(io.BytesIO(own.get("/api/export/human-scores.zip").content))
-    told += [archive.read(each) for each in archive.namelist()]
-    assert all(told)
-    assert not [each for each in told if b"Lovelace" in each]
+    archive = zipfile.ZipFile(io.BytesIO(page.get("/api/export/human-scores.zip").content))
+    contents += [archive.read(name) for name in archive.namelist()]
+    assert all(contents)
+    assert not [content for content in contents if b"Lovelace" in content]
 
 
 def test_who_plays_and_who_takes_part_are_two_people_to_the_server(serve, played, tmp_path):
     freeze(tmp_path / "playground.db-studies")
     server = serve()
-    own = page_of(server, "ada")
-    own.post("/api/studies/small/join", json={}).raise_for_status()
-    own.post("/api/sessions", json={"size": 5}).raise_for_status()
-    cookies = {each.name: each.value for each in own.cookies.jar}
+    page = page_of(server, "ada")
+    page.post("/api/studies/small/join", json={}).raise_for_status()
+    page.post("/api/sessions", json={"size": 5}).raise_for_status()
+    cookies = {sent.name: sent.value for sent in page.cookies.jar}
     assert cookies[PARTICIPANT_COOKIE] != cookies[PLAYER_COOKIE]
     (taking_part,) = server.services.store.query("SELECT * FROM participants")
     for table in TABLES.values():
         held = [name for name, to in table.references().items() if to == ("players", "id")]
         for name in held if table.name != "participants" else ():
             sql = f"SELECT count(*) AS n FROM {table.name} WHERE {name} = ?"
-            found = server.services.store.query(sql, [taking_part["player_id"]])
-            assert found == [{"n": 0}], (table.name, name)
+            counted = server.services.store.query(sql, [taking_part["player_id"]])
+            assert counted == [{"n": 0}], (table.name, name)
     # a participant's cookie shows nothing that was played, and a player's no study
     for cookie, path in ((PARTICIPANT_COOKIE, "me/history"), (PLAYER_COOKIE, "studies/small/me")):
         alone = server.page(cookies={cookie: cookies[cookie]})

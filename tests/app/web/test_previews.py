@@ -1,4 +1,4 @@
-"""What a chat program or a search engine sees of an address: tags, a picture, and nothing of anybody's episodes."""
+"""What chat programs and search engines see of an address."""
 
 from contextlib import closing
 from io import BytesIO
@@ -22,14 +22,14 @@ def test_every_address_that_people_share_has_a_preview_with_a_picture(serve, tmp
     for path in PAGES:
         page = stranger.get(f"/{path}?utm_source=chat")
         assert (page.status_code, page.headers.get("set-cookie")) == (200, None), path
-        found = tags(page)
-        assert found["og:url"] == SITE + path
+        preview = tags(page)
+        assert preview["og:url"] == SITE + path
         assert f'<link rel="canonical" href="{SITE}{path}">' in page.text
-        assert found["description"] == found["og:description"] == found["twitter:description"]
-        assert found["og:image"].startswith(SITE)
-        assert found["twitter:card"] == "summary_large_image"
-        assert picture_of(stranger, found, SITE[:-1]) == (1200, 630)
-        titles.add(found["og:title"])
+        assert preview["description"] == preview["og:description"] == preview["twitter:description"]
+        assert preview["og:image"].startswith(SITE)
+        assert preview["twitter:card"] == "summary_large_image"
+        assert picture_of(stranger, preview, SITE[:-1]) == (1200, 630)
+        titles.add(preview["og:title"])
     assert len(titles) == len(PAGES)
     assert len(server.services.lobby) == 0
 

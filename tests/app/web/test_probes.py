@@ -1,4 +1,4 @@
-"""/healthz says that the server is alive; /readyz that it can record a move, by a write that it makes."""
+"""/healthz: the server is alive. /readyz: it can record a move."""
 
 import sqlite3
 import time
@@ -8,8 +8,8 @@ from tests.support.recorded import ask
 
 
 def written_ms(server):
-    found = ask(server.services.store.path, "SELECT value FROM meta WHERE name = 'written_ms'")
-    return int(found[0][0]) if found else 0
+    rows = ask(server.services.store.path, "SELECT value FROM meta WHERE name = 'written_ms'")
+    return int(rows[0][0]) if rows else 0
 
 
 def test_a_server_is_alive_and_ready_and_has_written(server):

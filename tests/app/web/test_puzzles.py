@@ -1,4 +1,4 @@
-"""The puzzles of a day: positions without their answers, which whoever asks for gets by themselves."""
+"""The puzzles of a day: positions first, their answers on request."""
 
 import json
 from itertools import pairwise
@@ -48,7 +48,7 @@ def test_an_environment_with_a_long_description_has_no_puzzles():
 
 def test_every_shipped_puzzle_has_one_clear_answer():
     for puzzle in puzzles_of("mars").values():
-        best, means, saves, error, terrains, _ = puzzle.answer
+        best, means, saves, error, terrains, _, shows = puzzle.answer
         others = [moves for action, moves in means.items() if action != best]
         assert set(means) <= set(ACTIONS)
         assert len(others) >= 1
@@ -56,6 +56,9 @@ def test_every_shipped_puzzle_has_one_clear_answer():
         assert min(others) - means[best] == pytest.approx(saves, abs=0.02)
         assert saves >= 6
         assert saves > 2 * error
+        assert set(shows) == set(means)
+        grid = puzzle.frame["grid"]
+        assert all(grid[row][col] == "?" for cells in shows.values() for row, col in cells)
 
 
 def test_their_terrains_are_hardly_drawn_by_anything_else():
@@ -69,9 +72,12 @@ def test_their_terrains_are_hardly_drawn_by_anything_else():
 
 
 def test_the_first_of_the_file_is_made_again():
-    made = next(filter(None, map(puzzles.puzzle_on, puzzles.SEEDS)))
+    puzzle = next(filter(None, map(puzzles.puzzle_on, puzzles.SEEDS)))
     (shipped,) = list(puzzles_of("mars").values())[:1]
-    assert made.trail == tuple(map(tuple, shipped.trail))
-    assert made.answer == shipped.answer.best
-    assert made.saves == pytest.approx(shipped.answer.saves, abs=0.006)
+    assert puzzle.trail == tuple(map(tuple, shipped.trail))
+    assert puzzle.answer == shipped.answer.best
+    assert puzzle.shows == {
+        move: list(map(tuple, cells)) for move, cells in shipped.answer.shows.items()
+    }
+    assert puzzle.saves == pytest.approx(shipped.answer.saves, abs=0.006)
     assert EnvConfig.of("random", 21) == puzzles.CONFIG

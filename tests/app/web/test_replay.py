@@ -1,4 +1,4 @@
-"""Replays over HTTP: the page of an ended episode with the preview of its link, and a policy on its terrain."""
+"""Replays over HTTP: the page, its preview, and a policy on its terrain."""
 
 import json
 import re
@@ -19,7 +19,7 @@ from tests.support.servers import eventually
 
 
 class Page(HTMLParser):
-    """The parts of a page that these tests read: meta tags by name, and the data in it."""
+    """What these tests read of a page: its meta tags by name, and the data in it."""
 
     def __init__(self, text):
         super().__init__()
@@ -90,8 +90,10 @@ def test_an_address_with_34_questions_has_two_that_wait_and_keeps_no_ghost_from_
     ghost = f"/api/episodes/{ended}/ghost?policy=frontier-cost"
     with ThreadPoolExecutor(34) as connections:
         refused = list(connections.map(greedy.get, [ghost] * 34))
-    assert {(each.status_code, each.headers["Retry-After"]) for each in refused} == {(503, "5")}
-    assert min(each.elapsed.total_seconds() for each in refused) >= 1, "no faster than that"
+    assert {(answer.status_code, answer.headers["Retry-After"]) for answer in refused} == {
+        (503, "5")
+    }
+    assert min(answer.elapsed.total_seconds() for answer in refused) >= 1, "no faster than that"
     assert other.get(ghost).status_code == 200
 
 
@@ -115,14 +117,14 @@ def test_replays_are_kept_and_those_of_one_address_delay_neither_boards_nor_prob
         for number in (2, 3)
     )
     with ThreadPoolExecutor(13) as connections:
-        asked = [connections.submit(greedy.get, each) for each in replays[:12]]
+        asked = [connections.submit(greedy.get, replay) for replay in replays[:12]]
         eventually(lambda: begun)
         assert other.post("/api/sessions", json={}, timeout=5).status_code == 201
         assert other.get("/readyz", timeout=5).status_code == 200
         asked.append(connections.submit(other.get, replays[12]))
         eventually(lambda: server.services.replayer._thread._work_queue.qsize())
         goes_on.release(13)
-        assert {each.result().status_code for each in asked} == {200}
+        assert {request.result().status_code for request in asked} == {200}
     assert begun.index(replays[12]) == 1
     assert other.get(replays[12]).json() == asked[12].result().json()
     assert len(begun) == 13
@@ -161,11 +163,11 @@ def test_a_player_finds_themselves_in_their_replay_and_nobody_else_does(serve):
     act = {"episode": episode, "step": 0, "action": "north"}
     ended = me.post(f"/api/sessions/{about['session']}/act", json=act).json()
     assert ended["outcome"] == "out_of_bounds"
-    shown = [each.get(f"/api/episodes/{episode}/replay").json() for each in (me, stranger)]
-    assert [each["run"]["name"] for each in shown] == ["You", "A script"]
+    shown = [client.get(f"/api/episodes/{episode}/replay").json() for client in (me, stranger)]
+    assert [replay["run"]["name"] for replay in shown] == ["You", "A script"]
     title = Page(me.get(f"/replay/{episode}").text).metas["og:title"]
     assert title.startswith("You drove off the map at ")
-    files = [each.get(f"/replay/{episode}.html?ghost=none").text for each in (me, stranger)]
+    files = [client.get(f"/replay/{episode}.html?ghost=none").text for client in (me, stranger)]
     assert files[0] == files[1], "a file is for whoever it is given to"
 
 

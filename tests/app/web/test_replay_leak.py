@@ -1,4 +1,4 @@
-"""No replay, file, preview, live view or command tells a terrain before its time: what is secret is answered like nothing."""
+"""No replay, file, preview, live view or command tells a terrain too early."""
 
 import pytest
 
@@ -23,14 +23,18 @@ UNKNOWN = "00000000"
 
 def answers(client, episode, paths):
     """What each path answers about an episode, its id taken out."""
-    found = {}
+    by_path = {}
     for path in paths:
         answer = client.get(path.format(episode))
         headers = dict(answer.headers)
-        for own in ("date", "content-length", "x-request-id"):
-            headers.pop(own, None)
-        found[path] = (answer.status_code, headers, answer.content.replace(episode.encode(), b"ID"))
-    return found
+        for varying in ("date", "content-length", "x-request-id"):
+            headers.pop(varying, None)
+        by_path[path] = (
+            answer.status_code,
+            headers,
+            answer.content.replace(episode.encode(), b"ID"),
+        )
+    return by_path
 
 
 def board_of(server, episode):
@@ -42,11 +46,14 @@ def board_of(server, episode):
 
 @pytest.fixture
 def command(capsys, tmp_path):
-    """`command(database, episode)` -> what `humanplay replay` says of an episode, its id taken out, and its exit code."""
+    """`command(database, episode)` returns what `humanplay replay` says of one.
+
+    Without its ID, and with the exit code.
+    """
 
     def call(database, episode):
-        given = f"--out={tmp_path / 'leak.png'}", "--ghost=none", f"--database={database}"
-        code, _, err = run_command(capsys, "replay", episode, *given)
+        options = f"--out={tmp_path / 'leak.png'}", "--ghost=none", f"--database={database}"
+        code, _, err = run_command(capsys, "replay", episode, *options)
         return code, err.replace(episode, "ID")
 
     return call
@@ -54,7 +61,7 @@ def command(capsys, tmp_path):
 
 @pytest.fixture
 def secret(tmp_path):
-    """The ids of episodes of every secret sort by what they are, and the study that two of them belong to."""
+    """The IDs of secret episodes by kind, and the study that two of them belong to."""
     path = tmp_path / "playground.db"
     study = freeze(tmp_path / "playground.db-studies", close=False)
     recorder = StudyRecorder(path, study)
@@ -110,8 +117,8 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
         watched = client.get(f"/api/watch/{secret[name]}").json()
         stored = server.services.store.find_episode(secret[name]).episode
         assert watched["frames"] is None
-        known = sum(cell != "?" for line in watched["frame"]["grid"] for cell in line)
-        assert known == watched["frame"]["discovered"] < CONFIG.n
+        seen_cells = sum(cell != "?" for line in watched["frame"]["grid"] for cell in line)
+        assert seen_cells == watched["frame"]["discovered"] < CONFIG.n
         assert stored.terrain.hex() not in str(watched)
         assert "seed" not in str(watched)
         board = board_of(server, secret[name])  # its link tells what the episode's tells
@@ -126,16 +133,16 @@ def test_what_is_public_is_shown_by_each_of_them_and_no_daily_episode_to_its_own
     server = serve()
     client = server.client()
     ended = secret["ended"]
-    found = answers(client, ended, REPLAYS)
-    assert [status for status, *_ in found.values()] == [200] * len(REPLAYS)
+    shown = answers(client, ended, REPLAYS)
+    assert [status for status, *_ in shown.values()] == [200] * len(REPLAYS)
     assert client.get(f"/watch/{ended}").headers["location"] == f"../replay/{ended}"
     assert command(tmp_path / "playground.db", ended)[0] == 0
     row = server.services.store.find_episode(ended).episode
-    for path, (_, headers, content) in found.items():
+    for path, (_, headers, content) in shown.items():
         assert row.terrain.hex().encode() not in content, path
         assert b'"seed"' not in content, path
         assert "player" not in str(headers), path
-    own = server.client(cookies={PLAYER_COOKIE: server.services.player_tokens.sign("ada")})
+    player = server.client(cookies={PLAYER_COOKIE: server.services.player_tokens.sign("ada")})
     for path in REPLAYS:
-        assert own.get(path.format(secret["daily"])).status_code == 404, path
-    assert own.get(f"/watch/{secret['daily']}").status_code == 200
+        assert player.get(path.format(secret["daily"])).status_code == 404, path
+    assert player.get(f"/watch/{secret['daily']}").status_code == 200

@@ -1,4 +1,4 @@
-"""Starting and stopping: a port in use, a file that is none of ours, Ctrl-C, prefixes."""
+"""Starting and stopping: a taken port, a foreign file, Ctrl-C, prefixes."""
 
 import signal
 import subprocess
@@ -16,8 +16,8 @@ from tests.support.servers import PATIENCE_S
 
 
 def test_an_address_of_another_machine_is_reported():
-    said = r"cannot listen on 203\.0\.113\.1 .*choose another with --host"
-    with pytest.raises(ServerError, match=said):
+    message = r"cannot listen on 203\.0\.113\.1 .*choose another with --host"
+    with pytest.raises(ServerError, match=message):
         listen("203.0.113.1", 0)
     with pytest.raises(ServerError, match="cannot listen on no such host"):
         listen("no such host", 0)
@@ -53,9 +53,9 @@ def test_the_server_closes_cleanly_with_a_socket_open(spawn, number):
         board.receive("history")
         server.process.send_signal(number)
         server.process.wait(PATIENCE_S)
-    said = server.process.stdout.read()
-    assert "Traceback" not in said
-    assert "Error" not in said
+    output = server.process.stdout.read()
+    assert "Traceback" not in output
+    assert "Error" not in output
     server.close()
     assert server.process.returncode == 0
 

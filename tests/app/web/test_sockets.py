@@ -20,7 +20,7 @@ def board(server):
 
 
 def rest_until_closed(socket):
-    """Return what still comes until the socket is closed, and the code it is closed with."""
+    """Return what still comes until the socket is closed, and the code of the closing."""
     messages = []
     try:
         while True:
@@ -75,7 +75,7 @@ def test_a_bad_message_gets_an_error_and_the_socket_stays_open(server, board):
         frame = socket.receive("frame")
         socket.receive("history")
         wrong = {"kind": "act", "episode": frame["episode"], "step": 0, "action": 1}
-        for message, said in (
+        for message, problem in (
             ("{", "must be JSON"),
             ("north", "must be JSON"),
             (b"\x00\x01\x02", "JSON in a text frame, got 3 binary bytes"),
@@ -87,7 +87,7 @@ def test_a_bad_message_gets_an_error_and_the_socket_stays_open(server, board):
             socket.send(message)
             error = socket.receive()
             assert error["kind"] == "error"
-            assert said in error["detail"]
+            assert problem in error["detail"]
         socket.act(frame, "south")
         assert socket.frame_after(0)["step"] == 1
 

@@ -1,4 +1,4 @@
-"""The files of the pages: below a hash of them all they are asked for once, and an edit is seen at the next page."""
+"""The files of the pages are asked for once, and an edit is seen at once."""
 
 import json
 import os

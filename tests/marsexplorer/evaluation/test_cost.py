@@ -114,10 +114,10 @@ def test_costs_are_differences_of_literal_lengths_and_add_up(seed, slip, ending,
     running = len(record.actions) + (record.outcome == "abandoned")
     literal = [literal_length(net, record, step) for step in range(running)]
     assert lengths.tolist() == (literal if record.outcome == "abandoned" else [*literal, counts])
-    assert episode_costs.costs.sum() + episode_costs.given_up == counts - literal[0]
+    assert episode_costs.costs.sum() + episode_costs.without_move == counts - literal[0]
     assert episode_costs.total == counts - literal[0]
     assert sum(episode_costs.by_kind().values()) + episode_costs.gained == episode_costs.total
-    assert episode_costs.by_tenth().sum() + episode_costs.given_up == episode_costs.total
+    assert episode_costs.by_tenth().sum() + episode_costs.without_move == episode_costs.total
 
 
 @settings(max_examples=15, deadline=None)
@@ -214,8 +214,8 @@ def test_giving_up_is_one_last_cost_also_before_the_first_move(net, estimator):
     for moves in (10, 0):
         record = drive(net, CONFIG, SEED, 0.9, "abandoned", moves)
         episode_costs = estimator.costs(record)
-        assert episode_costs.given_up == CONFIG.limit - literal_length(net, record, moves) > 0
-        assert episode_costs.by_kind()[MistakeKind.ENDED_EARLY] == episode_costs.given_up
+        assert episode_costs.without_move == CONFIG.limit - literal_length(net, record, moves) > 0
+        assert episode_costs.by_kind()[MistakeKind.ENDED_EARLY] == episode_costs.without_move
 
 
 def test_a_mistake_of_the_last_cells_is_one_after_95_percent(estimator, net):

@@ -202,4 +202,4 @@ def test_pages_and_reports_call_it_by_what_it_knows():
     assert title == "Expert that knows how terrains are made"
     assert policies.title("ppo") == "ppo"
     page = Path(__file__).parents[3] / "static" / "task" / "mars" / "words.js"
-    assert f'lookahead: "{title}"' in page.read_text()
+    assert f'lookahead: t("mars.policy.lookahead", "{title}")' in page.read_text()

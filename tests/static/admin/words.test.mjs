@@ -44,11 +44,11 @@ test("recruitment, quality, payments and the disk stand first", () => {
   const invitations = [{ state: "issued" }, { state: "used" }];
   const facts = glance(study({ participants, labels, outcomes, invitations }), { ...well, watched: { backup_age_seconds: 7200 } });
   assert.deepEqual(facts.map(({ number, detail, isWarning }) => [number, detail, isWarning]), [
-    ["1 of 10", "through; 3 people have come, 1 link not opened", false], ["1", "to look at; 2 flags on episodes", true],
-    ["2", "have agreed; 1 ending has no text", false], ["50.0 GB", "free; backup 2 h ago", false]]);
+    ["1 of 10", "have played all; 3 people have come, 1 link not opened", false], ["1", "warning below; 2 flags on episodes", true],
+    ["2", "agreed to take part; 1 outcome has no text yet", false], ["50.0 GB", "free; backup 2 h ago", false]]);
   const turned = [person("D", { stage: "withdrawn", left_at: "consent" })];
   const full = glance(study({ cap: 12, places_taken: 12, participants: [...participants, ...turned], labels, outcomes, invitations }), { ...well, watched: { backup_age_seconds: 7200 } });
-  assert.deepEqual(full.slice(0, 3).map(({ detail }) => detail), ["through; 4 people have come, 12 of 12 places taken, 1 link not opened", "to look at; 2 flags on episodes", "have agreed; 1 ending has no text"]);
+  assert.deepEqual(full.slice(0, 3).map(({ detail }) => detail), ["have played all; 4 people have come, 12 of 12 places taken, 1 link not opened", "warning below; 2 flags on episodes", "agreed to take part; 1 outcome has no text yet"]);
   assert.equal(full[2].number, "2", "whoever did not agree is none of those to pay");
 });
 
@@ -56,6 +56,7 @@ test("signs of taking part twice are told apart from ids that are missing", () =
   const participants = [person("A", { repeated: ["no outside id"] }), person("B", { repeated: ["their invitation was opened again elsewhere"], supervised_ms: 5 })];
   const found = attention(study({ participants }), well);
   assert.deepEqual(found.map(({ text, detail, isWarning }) => [text, detail, isWarning]), [["1 person with a sign of taking part twice", "B", true], ["1 person without an outside id", "A", false]]);
+  assert.equal(flags(person("C", { is_quiet: true }), []), "no sign for half an hour");
   assert.equal(flags(participants[1], []), "supervised, their invitation was opened again elsewhere");
 });
 

@@ -6,6 +6,7 @@ test("whatever FastAPI says becomes one sentence", () => {
   assert.equal(readDetail("rows must be at least 5, got 3", 422), "rows must be at least 5, got 3");
   assert.equal(readDetail([{ loc: ["body", "size"], msg: "is wrong" }], 422), "size is wrong");
   assert.equal(readDetail(undefined, 502), "The server answered 502.");
+  assert.equal(readDetail("KeyError: 3", 500), "The fault is the server's, and it has noted it. Try again in a moment.");
 });
 
 test("what is read is asked for again when the server says when, while there is time", async () => {

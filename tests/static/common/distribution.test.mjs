@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { binsOf, describe, rowsOf } from "../../../static/common/distribution.js";
+import { binsOf, describe, edgesOf, peopleLines, rowsOf } from "../../../static/common/distribution.js";
 
 test("columns hold every value once, are few and of one width", () => {
   for (const values of [[87], [80, 81, 82], [75, 99, 441], [60, 61, 140, 141, 399]]) {
@@ -24,4 +24,11 @@ test("labels stand in rows where they do not lie over each other", () => {
 
 test("who cannot see the columns is told the same", () => {
   assert.equal(describe("99 %", binsOf([[80, 2], [81, 1]], [79]), 80, [{ name: "ppo", moves: 79 }]), "Moves to 99 %: 2 from 80 to 80, 1 from 81 to 81; you 80; ppo 79");
+});
+
+test("both axes have numbers: some edges of columns, and how many people a column has", () => {
+  const edges = edgesOf(binsOf([[80, 2], [112, 3]], []));
+  assert.ok(edges.length >= 4 && edges.length <= 6, String(edges));
+  assert.ok(edges.every((edge, index) => !index || edge - edges[index - 1] === edges[1] - edges[0]), "as far from one another");
+  assert.deepEqual([1, 3, 6].map(peopleLines), [[1], [3], [3, 6]]);
 });

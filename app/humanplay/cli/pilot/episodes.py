@@ -1,4 +1,7 @@
-"""The episodes of a pilot that count: first meetings of an instance that a person did not choose, played alone."""
+"""The episodes of a pilot that count.
+
+They are played alone, on instances that the person had not chosen and not met before.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ State = Literal["ended", "left", "failed", "open"]
 
 
 @dataclass(frozen=True)
-class Counted:
+class PilotEpisode:
     """An episode that counts.
 
     person    whose
@@ -40,7 +43,7 @@ class Pilot:
     left_out  ended episodes that do not count
     """
 
-    episodes: list[Counted]
+    episodes: list[PilotEpisode]
     names: dict[str, str]
     left_out: ExclusionCounts
 
@@ -48,12 +51,12 @@ class Pilot:
 def only_task(database: Path) -> str:
     """The task that a database has plays of; PilotError unless there is exactly one."""
     with reading(database) as conn:
-        found = tasks(conn)
-    if len(found) != 1:
+        names = tasks(conn)
+    if len(names) != 1:
         raise PilotError(
-            f"expected plays of one environment in {database}, found {len(found)}: {', '.join(found) or 'none'}"
+            f"expected plays of one environment in {database}, found {len(names)}: {', '.join(names) or 'none'}"
         )
-    return found[0]
+    return names[0]
 
 
 def read(database: Path, task: str) -> Pilot:
@@ -67,7 +70,7 @@ def read(database: Path, task: str) -> Pilot:
         return Pilot(episodes, names, left_out_plays(reader, task))
 
 
-def _counted(trial: Trial) -> Counted:
+def _counted(trial: Trial) -> PilotEpisode:
     assert trial.owner_id is not None
     state: State = "ended"
     if trial.outcome is None:
@@ -76,4 +79,4 @@ def _counted(trial: Trial) -> Counted:
         state = "failed"
     elif trial.outcome in LEFT or trial.attestation == "spoilt":
         state = "left"
-    return Counted(trial.owner_id, trial, state, trial.score if state == "ended" else None)
+    return PilotEpisode(trial.owner_id, trial, state, trial.score if state == "ended" else None)

@@ -2,4 +2,4 @@
 
 
 class PilotError(ValueError):
-    """An environment cannot be played, or plays cannot be scored; the text says why, and the way out."""
+    """An environment cannot be played, or plays not scored; the text says what to do."""

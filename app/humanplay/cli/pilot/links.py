@@ -1,4 +1,4 @@
-"""The links to a pilot's page: in a notebook, below its proxy, over ssh, or in the browser of this machine."""
+"""The links to a pilot's page, in a notebook, below a proxy, over ssh, or local."""
 
 from __future__ import annotations
 
@@ -36,13 +36,23 @@ def in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None
 
 
+def is_in_hub() -> bool:
+    """Whether browsers come through a JupyterHub, by a name that is not known here."""
+    return "JUPYTERHUB_SERVICE_PREFIX" in os.environ and _has_proxy()
+
+
+def _has_proxy() -> bool:
+    """Whether a notebook's own server passes on what other ports answer."""
+    return in_notebook() and find_spec("jupyter_server_proxy") is not None
+
+
 def with_host(address: str, host: str) -> str:
     """The address of a page by another name of the machine."""
     return f"http://{host}:{urlsplit(address).port}"
 
 
 def shared_address(address: str) -> str:
-    """The address by which other machines open a page that listens on all of this one's."""
+    """The address by which other machines open a page that listens on all addresses."""
     if urlsplit(address).hostname not in ANY_HOST:
         return address
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -75,8 +85,8 @@ def forwarding(address: str) -> str:
 
 
 def proxied(address: str) -> str:
-    """The path of the page below the notebook's own server; empty if that passes nothing on."""
-    if not in_notebook() or find_spec("jupyter_server_proxy") is None:
+    """The page's path below the notebook's server; empty if that forwards nothing."""
+    if not _has_proxy():
         return ""
     base = os.environ.get("JUPYTERHUB_SERVICE_PREFIX") or _base_of_parent()
     return f"{base.rstrip('/')}/proxy/{urlsplit(address).port}/"

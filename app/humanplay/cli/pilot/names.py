@@ -9,7 +9,7 @@ from types import FunctionType
 
 
 def importable_name(function: Callable[..., object]) -> str:
-    """Where other processes import a class or function from, as MODULE:NAME; empty if they cannot."""
+    """MODULE:NAME by which other processes import a class or function; empty if none."""
     module = getattr(function, "__module__", None) or "__main__"
     name = getattr(function, "__qualname__", "")
     if (

@@ -10,7 +10,14 @@ import gymnasium
 from humanplay.cli.pilot.environments import task_of
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.in_place import Stepper, in_place_task
-from humanplay.cli.pilot.links import check_place, in_notebook, shared_address, show
+from humanplay.cli.pilot.links import (
+    LOCAL_HOST,
+    check_place,
+    in_notebook,
+    is_in_hub,
+    shared_address,
+    show,
+)
 from humanplay.cli.pilot.plays import Plays
 from humanplay.cli.pilot.recreation import COMPARED, Env, NotRecreatedError
 from humanplay.cli.pilot.running import Request, RunningServer
@@ -73,6 +80,8 @@ def play(
     path = Path(database).resolve()
     settings: dict[str, object] = {
         "task": task, "host": host, "port": port, "database": str(path), "confined": False, "asks_name": True,
+        # a hub does not tell its name; this machine alone reaches the page, and the hub's proxy
+        "any_host": host == LOCAL_HOST and public_url is None and is_in_hub(),
     }  # fmt: skip
     if public_url is not None:
         settings["public_url"] = public_url

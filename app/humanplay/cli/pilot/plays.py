@@ -12,7 +12,7 @@ from humanplay.task.registration import environment_of
 
 
 class Plays:
-    """The plays of an environment in a database, and the page that goes on recording them until it is closed.
+    """The plays of an environment in a database, and the page that records more.
 
     database  the file
     task      what is played
@@ -46,7 +46,7 @@ class Plays:
             self._server.close()
 
     def verify(self) -> list[str]:
-        """Play every finished episode again, and say what differs from what is recorded; empty if nothing does."""
+        """Replay every finished episode; return what differs from the record, if anything."""
         from humanplay.study.verification import verify_database
 
         return [str(finding) for finding in verify_database(self.database).findings]

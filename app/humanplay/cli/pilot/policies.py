@@ -13,11 +13,16 @@ from humanplay.cli.pilot.errors import PilotError
 from humanplay.task import RunEndedError
 from humanplay.tasks.gymnasium.configuration import GymnasiumConfig
 from humanplay.tasks.gymnasium.environment import GymnasiumEnvironment
-from humanplay.tasks.policies import Choose, Mask, chooser, masked
+from humanplay.tasks.policies import MASKS, Choose, Mask, chooser, masked
+
+TAKE_MASKS = (
+    "let the policy take `action_masks`, a truth value for each action: `def policy(observation, action_masks)`, "
+    "`predict(self, observation, action_masks)`, or an input of that name in an ONNX file"
+)
 
 
 @runtime_checkable
-class Predicting(Protocol):
+class Predictor(Protocol):
     """A model as Stable-Baselines3 has them, recurrent ones too."""
 
     def predict(self, observation: object) -> object:
@@ -36,6 +41,7 @@ def played_score(
     The environment steps in a process of its own, and the policy decides in this one.
     """
     choose = _chooser(environment, name, policy, seed)
+    forbidden = ""
     try:
         run = environment.run(config, seed)
         while not run.ended:
@@ -43,11 +49,18 @@ def played_score(
             if (codes := run.allowed()[-1]) is not None:
                 mask[:] = False
                 mask[list(codes)] = True
-            run.step(_chosen(name, choose, run.newest_observation, mask))
+            code = _chosen(name, choose, run.newest_observation, mask)
+            # many an environment takes such an action all the same
+            is_forbidden = 0 <= code < len(mask) and not mask[code]
+            forbidden = environment.actions[code] if is_forbidden else ""
+            run.step(code)
     except PilotError as error:
         raise PilotError(f"{error}; on seed {seed}") from error
     except (RunEndedError, ValueError) as error:
-        raise PilotError(f"the episode of {name!r} on seed {seed} failed: {error}") from error
+        remedy = f". {forbidden!r} was not allowed there: {TAKE_MASKS}" if forbidden else ""
+        raise PilotError(
+            f"the episode of {name!r} on seed {seed} failed: {error}{remedy}"
+        ) from error
     return float(run.scores()[-1])
 
 
@@ -60,7 +73,7 @@ def _chooser(environment: GymnasiumEnvironment, name: str, policy: object, seed:
             return chooser(str(policy), seed, environment.code_of)
         except Exception as error:  # whatever reads the file may raise
             raise PilotError(f"the policy {name!r} cannot be loaded: {error}") from error
-    if isinstance(policy, Predicting):
+    if isinstance(policy, Predictor):
         return _predicting(policy, environment.code_of)
     if callable(policy):
         return masked(policy, environment.code_of)
@@ -77,7 +90,7 @@ def _chosen(name: str, choose: Choose, observation: object, mask: Mask) -> int:
         raise PilotError(f"the policy {name!r} failed: {type(error).__name__}: {error}") from error
 
 
-def _predicting(model: Predicting, code_of: Callable[[object], int]) -> Choose:
+def _predicting(model: Predictor, code_of: Callable[[object], int]) -> Choose:
     """What a model decides, which remembers by the state that it returns."""
     parameters = inspect.signature(model.predict).parameters
     state: object = None
@@ -87,7 +100,7 @@ def _predicting(model: Predicting, code_of: Callable[[object], int]) -> Choose:
         nonlocal state, is_start
         offered: dict[str, object] = {
             "state": state, "episode_start": np.array([is_start]), "deterministic": True,
-            "action_masks": mask,
+            **dict.fromkeys(MASKS, mask),
         }  # fmt: skip
         arguments = {name: offered[name] for name in offered if name in parameters}
         answer = model.predict(observation, **arguments)

@@ -1,4 +1,4 @@
-"""An environment that a program holds, recreated with a picture: from its spec, and from the wrappers around it."""
+"""Recreates a program's environment with a picture, by its spec and its wrappers."""
 
 from __future__ import annotations
 
@@ -62,23 +62,23 @@ class Recreation:
 
     @property
     def told(self) -> str:
-        """What describes it by names that other processes know; empty if something has none."""
+        """The description by names that other processes know; empty if a part has none."""
         wrappers = [importable_name(wrapper) for wrapper, _ in self.wrappers]
         name = _name_of(self.spec)
         if not name or not all(wrappers) or any(arguments for _, arguments in self.wrappers):
             return ""
-        known = spec_of(name)
+        registered = spec_of(name)
         arguments = {
             argument: value
             for argument, value in self.spec.kwargs.items()
-            if argument != "render_mode" and known.kwargs.get(argument) != value
+            if argument != "render_mode" and registered.kwargs.get(argument) != value
         }
         fields: dict[str, object] = {"id": name}
         if arguments:
             fields["kwargs"] = arguments
         if wrappers:
             fields["wrappers"] = wrappers
-        if self.spec.max_episode_steps not in (None, known.max_episode_steps):
+        if self.spec.max_episode_steps not in (None, registered.max_episode_steps):
             fields["max_steps"] = self.spec.max_episode_steps
         try:
             return Description.model_validate(fields).told
@@ -109,11 +109,12 @@ def recreated(env: Env) -> str:
     """Describe an environment that can be recreated; NotRecreatedError if it cannot."""
     layers = layers_of(env)
     specs = [layer.spec for layer in layers]
-    made = next(
+    # gymnasium.make made the outermost layer whose spec names no further wrapper
+    made_at = next(
         (at for at, spec in enumerate(specs) if spec and not spec.additional_wrappers),
         len(layers) - 1,
     )
-    spec = specs[made]
+    spec = specs[made_at]
     if spec is None:
         raise NotRecreatedError(
             env,
@@ -121,7 +122,7 @@ def recreated(env: Env) -> str:
         )
     wrappers = tuple(
         (type(layer), getattr(layer, "_saved_kwargs", {}))
-        for layer in reversed(layers[:made])
+        for layer in reversed(layers[:made_at])
         if isinstance(layer, gymnasium.Wrapper)
     )
     recreation = Recreation(replace(spec, kwargs=dict(spec.kwargs)), wrappers)
@@ -142,7 +143,7 @@ def recreated(env: Env) -> str:
 
 
 def _held(recreation: Recreation, env: Env) -> str:
-    """Hold what makes an environment, and describe it with what is known of the one within its wrappers."""
+    """Hold a function that recreates an environment, and describe it by the inner one."""
     classes = [wrapper.__name__ for wrapper, _ in reversed(recreation.wrappers)]
     title = " of ".join([*classes, recreation.spec.id])
     fields: dict[str, object] = {
@@ -150,10 +151,10 @@ def _held(recreation: Recreation, env: Env) -> str:
         "title": title[:100],
     }
     if (inner := _name_of(recreation.spec)) and env.action_space == env.unwrapped.action_space:
-        known = completed(described(inner))
+        inner_description = completed(described(inner))
         for name in ("actions", "keys", "instructions"):
-            if value := getattr(known, name):
-                fields[name] = value
+            if field := getattr(inner_description, name):
+                fields[name] = field
     return Description.model_validate(fields).told
 
 

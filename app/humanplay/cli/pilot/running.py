@@ -45,6 +45,27 @@ class Answer(TypedDict, total=False):
     error: str
 
 
+def start_process(connection: int, board: int) -> subprocess.Popen[str]:
+    """Start a server, and return its process, which inherits two descriptors.
+
+    Args:
+        connection: Over which it is sent its request.
+        board: Over which it asks the program to step an environment.
+    """
+    paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
+    return subprocess.Popen(
+        [sys.executable, "-m", "humanplay.cli.pilot.server", str(connection)],
+        env=os.environ | {"PYTHONPATH": paths},
+        pass_fds=[connection, board],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,  # Ctrl-C is this program's
+    )
+
+
 class RunningServer:
     """A server in a process of its own. What it logs is printed here.
 
@@ -57,14 +78,8 @@ class RunningServer:
         """Start it; `steps` says whether this program steps the environment itself."""
         mine, theirs = socket.socketpair()
         asked, asks = socket.socketpair()
-        paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
         with mine, theirs, asked, asks:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "humanplay.cli.pilot.server", str(theirs.fileno())],
-                env=os.environ | {"PYTHONPATH": paths}, pass_fds=[theirs.fileno(), asks.fileno()], stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
-                start_new_session=True,  # Ctrl-C is this program's
-            )  # fmt: skip
+            self._process = start_process(theirs.fileno(), asks.fileno())
             self._connection = Connection(mine.detach())
             self.boards = Connection(asked.detach())
             if steps:

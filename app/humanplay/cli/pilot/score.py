@@ -1,10 +1,10 @@
-"""`score`: how well people play, beside random actions and policies on the very instances that they played."""
+"""`score`: how well people play, beside policies on the same instances."""
 
 from __future__ import annotations
 
 import html
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.util import find_spec
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from humanplay.cli.pilot.episodes import Counted, Pilot, State, only_task, read
+from humanplay.cli.pilot.episodes import Pilot, PilotEpisode, State, only_task, read
 from humanplay.cli.pilot.errors import PilotError
 from humanplay.cli.pilot.plays import Plays
 from humanplay.cli.pilot.policies import played_score
@@ -34,7 +34,7 @@ RANDOM = "random"
 
 @dataclass(frozen=True)
 class Line:
-    """A mean over people of their means, or of what a policy scores on what they played.
+    """A mean over people of their means, or of a policy's scores on what they played.
 
     interval             of the mean, for other people on these instances; None below five people, and of a policy
     normalized           (policy - random) / (people - random); None unless people are surely better than random actions
@@ -59,7 +59,8 @@ class Score:
     without     the mean of people without those; None if none of theirs ended
     has_bound   whether the lowest possible score is known
     left_out    ended episodes that do not count
-    is_recorded  whether nothing steps the environment again, so that nothing is verified
+    is_recorded whether nothing steps the environment again, so that nothing is verified
+    no_random   why random actions are left out; empty if they are not
     """
 
     task: str
@@ -75,6 +76,7 @@ class Score:
     has_bound: bool
     left_out: ExclusionCounts
     is_recorded: bool = False
+    no_random: str = ""
 
     def to_dict(self) -> dict[str, object]:
         """The figures by their names, as JSON holds them."""
@@ -145,6 +147,8 @@ class Score:
             notes.append(
                 "not verified, and nothing beside it: the program that held the environment stepped it itself"
             )
+        if self.no_random:
+            notes.append(f"random actions are left out: {self.no_random}")
         if words := _left_out(self.left_out):
             notes.append(f"not counted: {words}")
         notes.append(
@@ -175,6 +179,7 @@ def _left_out(episodes: ExclusionCounts) -> str:
         "on an instance that was chosen or met before": episodes.repeated,
         "of a program, such as a browser that says that one drives it": episodes.by_program,
         "with a move that fits no key or touch of the page": episodes.unattested,
+        "in which the environment failed at the first move": episodes.unmoved,
     }
     return "; ".join(
         f"{counted(number, 'episode')} {reason}" for reason, number in reasons.items() if number
@@ -262,7 +267,7 @@ def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
         -np.inf if metric.lowest is None else metric.lowest,
         np.inf if metric.highest is None else metric.highest,
     )
-    found = estimate(table, bounds, metric.lowest, terrains_drawn=False)
+    estimated = estimate(table, bounds, metric.lowest, terrains_drawn=False)
     played = Counter(episode.person for episode in pilot.episodes)
     alone = [episode for episode in pilot.episodes if episode.score is not None]
     states = Counter(episode.state for episode in pilot.episodes)
@@ -271,12 +276,13 @@ def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
             "policies need an environment of their own, and the program that held this one stepped it itself: play "
             "what makes it, a class or a function"
         )
-    beside = {} if environment.is_recorded else {RANDOM: RANDOM, **policies}
-    lines = _policies(task, table, instances, metric.lowest, beside)
+    lines, no_random = list[Line](), ""
+    if not environment.is_recorded:
+        lines, no_random = _policies(task, table, instances, metric.lowest, policies)
     return Score(
         task=task,
         metric=metric.name,
-        people=Line("people", found.mean, found.interval),
+        people=Line("people", estimated.mean, estimated.interval),
         count=len(played),
         fewest=min(played.values()),
         most=max(played.values()),
@@ -287,19 +293,23 @@ def _scored(task: str, pilot: Pilot, policies: Mapping[str, object]) -> Score:
         has_bound=metric.lowest is not None,
         left_out=pilot.left_out,
         is_recorded=environment.is_recorded,
+        no_random=no_random,
     )
 
 
-def _table(episodes: Sequence[Counted], worst: float) -> tuple[Floats, list[Counted]]:
-    """The scores float64[people, instances], NaN for what somebody did not play, and an episode of each instance."""
-    people = {
-        person: row for row, person in enumerate(dict.fromkeys(each.person for each in episodes))
-    }
-    instances = {each.trial.terrain_hash: each for each in episodes}
+def _table(episodes: Sequence[PilotEpisode], worst: float) -> tuple[Floats, list[PilotEpisode]]:
+    """The scores, and an episode of each instance.
+
+    Returns:
+        float64[people, instances], NaN for what somebody did not play; and one episode per column.
+    """
+    people = dict.fromkeys(episode.person for episode in episodes)
+    rows = {person: row for row, person in enumerate(people)}
+    instances = {episode.trial.terrain_hash: episode for episode in episodes}
     columns = {name: column for column, name in enumerate(instances)}
-    table = np.full((len(people), len(columns)), np.nan)
+    table = np.full((len(rows), len(columns)), np.nan)
     for episode in episodes:
-        at = people[episode.person], columns[episode.trial.terrain_hash]
+        at = rows[episode.person], columns[episode.trial.terrain_hash]
         table[at] = worst if episode.score is None else episode.score
     return table, list(instances.values())
 
@@ -312,34 +322,47 @@ def _mean(table: Floats) -> float:
 def _policies(
     task: str,
     table: Floats,
-    instances: Sequence[Counted],
+    instances: Sequence[PilotEpisode],
     lowest: float | None,
     policies: Mapping[str, object],
-) -> Iterable[Line]:
-    random: Floats | None = None
+) -> tuple[list[Line], str]:
+    """The lines of random actions and policies, and why the first is left out."""
     environment = environment_of(task)
     assert isinstance(environment, GymnasiumEnvironment)  # `score` has refused others
     causes = [
         (environment.configuration(episode.trial.config.to_dict()), _seed(episode))
         for episode in instances
     ]
-    for name, policy in policies.items():
-        scores = np.array(
+
+    def scores_of(name: str, policy: object) -> Floats:
+        return np.array(
             [played_score(environment, name, policy, config, seed) for config, seed in causes]
         )
-        mean = _mean(np.where(np.isnan(table), np.nan, scores))
-        if random is None:
-            random = scores
-            yield Line(name, mean)
-            continue
-        worst = None if lowest is None else lowest - random
-        ratio, interval = quotient_interval(
-            scores - random, table - random, worst, terrains_drawn=False
-        )
-        yield Line(name, mean, None, ratio if interval else None, interval)
+
+    def mean_of(scores: Floats) -> float:
+        return _mean(np.where(np.isnan(table), np.nan, scores))
+
+    lines = list[Line]()
+    random: Floats | None = None
+    no_random = ""
+    try:
+        random = scores_of(RANDOM, RANDOM)
+        lines.append(Line(RANDOM, mean_of(random)))
+    except PilotError as error:  # an environment that breaks must not hide what people reached
+        no_random = str(error)
+    for name, policy in policies.items():
+        scores = scores_of(name, policy)
+        ratio, interval = None, None
+        if random is not None:
+            worst = None if lowest is None else lowest - random
+            ratio, interval = quotient_interval(
+                scores - random, table - random, worst, terrains_drawn=False
+            )
+        lines.append(Line(name, mean_of(scores), None, ratio if interval else None, interval))
+    return lines, no_random
 
 
-def _seed(episode: Counted) -> int:
+def _seed(episode: PilotEpisode) -> int:
     seed = episode.trial.seed
     if seed is None:
         raise PilotError(

@@ -1,4 +1,4 @@
-"""The server of a pilot, in a process of its own that ends with the program that started it.
+"""The server of a pilot, in a process that ends with the program that started it.
 
 `python -m humanplay.cli.pilot.server DESCRIPTOR` is that process. It is sent one message, and answers with one when its page is
 open, or when it cannot be.
@@ -27,7 +27,7 @@ from humanplay.web.settings import Settings
 
 
 def invitations(settings: Settings, people: int) -> list[str]:
-    """The tokens of people 1, 2, ..., the same ones whenever the database is played in again."""
+    """The tokens of people 1, 2, ...; a database always gives the same ones."""
     sources, tokens = Sources(), []
     with closing(Store(settings.database, settings.durable)) as store:
         signed = PlayerTokens(store.secret())

@@ -1,1 +1,1 @@
-"""Commands about studies: plan, freeze, invite, rehearse, report, and where players lose moves."""
+"""Commands about studies: plan, freeze, invite, rehearse, report, costs."""

@@ -1,4 +1,4 @@
-"""The commands `report` and `costs`: a study's figures as a page, as JSON, on the terminal; where players lose moves."""
+"""The commands `report` and `costs`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def report(
     name: str, database: Path, html: Path | None, json_path: Path | None, folder: Folder, synthetic: bool,
     no_policies: bool, no_moves: bool,
 ) -> None:  # fmt: skip
-    """Print a study's figures: that of its people with its interval, and policies on the same terrains.
+    """Print a study's figures: its people's, and policies on the same terrains.
 
     The unit is the player: the figure is the mean of the players' means with an interval that is right for few and
     skewed players; docs/statistics.md says how that was measured. Scripts never enter a human score.
@@ -54,40 +54,41 @@ def report(
     wanted = synthetic, not no_policies, not no_moves
     try:
         with failures(f"cannot read {database}"), study_errors():
-            found = make_study_report(database, folder, name, progress, *wanted)
+            study_report = make_study_report(database, folder, name, progress, *wanted)
     except PolicyError as error:
         raise ClickException(
             f"{error}; or leave the comparisons out with --no-policies, and the moves with --no-moves"
         ) from error
-    if html is not None and found.status == "open" and not synthetic:
+    if html is not None and study_report.status == "open" and not synthetic:
         raise UsageError(
             f"the study {name!r} is open and has no figures to put on a page: close it (`humanplay study close {name}`), "
             "or leave --html out to see how many have finished"
         )
     if html is not None:
-        for file, page in pages(found, html.name).items():
+        for file, page in pages(study_report, html.name).items():
             write_file(html.with_name(file), page.encode())
     if json_path is not None:
-        write_file(json_path, found.to_json().encode() + b"\n")
-    show(found)
+        write_file(json_path, study_report.to_json().encode() + b"\n")
+    show(study_report)
 
 
-def show(found: Report) -> None:
+def show(study_report: Report) -> None:
     """Print the report on the terminal."""
-    about = f"{found.study}, {found.status}, protocol {found.protocol_hash[:12]}"
-    echo(f"{found.title} ({about})")
-    echo(found.sentence)
-    for group in found.groups:
-        _show_group(found, group)
-    for line in found.deviations:
+    protocol = f"protocol {study_report.protocol_hash[:12]}"
+    echo(f"{study_report.title} ({study_report.study}, {study_report.status}, {protocol})")
+    echo(study_report.sentence)
+    for group in study_report.groups:
+        _show_group(study_report, group)
+    for line in study_report.deviations:
         echo(f"- {line}")
 
 
-def _show_group(found: Report, group: GroupReport) -> None:
-    """Print a group's figures, comparisons and costs as on the page, then deviations and cautions."""
+def _show_group(study_report: Report, group: GroupReport) -> None:
+    """Print a group's tables as on the page, then deviations and cautions."""
     from humanplay.report.tables import group_tables
 
-    mark, tables = "SYNTHETIC, script " if found.synthetic else "", group_tables(found, group)
+    mark = "SYNTHETIC, script " if study_report.synthetic else ""
+    tables = group_tables(study_report, group)
     titles = {
         "exclusion_sets": f"{mark}{group.name}: means over players",
         "statuses": f"{mark}{group.name}: everybody who came",
@@ -134,8 +135,8 @@ def costs(name: str, database: Path, folder: Folder, json_path: Path | None) -> 
         raise ClickException(str(error)) from error
     _show_costs(data, summary)
     if json_path is not None:
-        found = {"study": name, "summary": asdict(summary), "moves": rows}
-        write_file(json_path, json.dumps(found, indent=1).encode() + b"\n")
+        figures = {"study": name, "summary": asdict(summary), "moves": rows}
+        write_file(json_path, json.dumps(figures, indent=1).encode() + b"\n")
 
 
 def _show_costs(data: StudyData, summary: CostSummary) -> None:

@@ -36,7 +36,7 @@ SHARE = click.FloatRange(0, 1)
 @option("--seed", default=0, help="Fixes moves, tempo and who leaves.")
 @option("--url", default="http://127.0.0.1:8000", help="Where the server is.")
 def simulate(study: str, participants: int | None, url: str, **options: Any) -> None:
-    """Let synthetic participants take part in a study of a running server, from the link to the code.
+    """Let synthetic participants take part in a running server's study.
 
     They agree to the consent, play the tutorial, answer the questions, warm up, play the ranked
     episodes and look at the debrief, over the calls and the socket of the study's page. They are
@@ -75,7 +75,7 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
 
 
 def _print_summaries(summaries: list[ParticipantSummary]) -> None:
-    """Print a line for each participant, then the time that the server took to answer moves."""
+    """Print a line for each participant, then how long the server took for moves."""
     import numpy as np
 
     if not summaries:

@@ -168,7 +168,7 @@ def compare_arms(
 
 
 def _is_enough(tables: Sequence[Floats], terrains_drawn: bool) -> bool:
-    """Whether the people of each arm, and the terrains, are enough for an interval and a p."""
+    """Whether each arm's people, and the terrains, suffice for an interval and a p."""
     has_terrains = tables[0].shape[-1] >= FEWEST_TO_TEST or not terrains_drawn
     return has_terrains and min(map(len, tables)) >= FEWEST_TO_TEST
 

@@ -1,10 +1,9 @@
 """Policies compared with people on the same terrains, by one test.
 
-There are differences, ratios and shares. A study is a table float64[participants, terrains] of one
-metric, NaN where a participant did not finish a terrain. A policy plays every terrain once, so what
-is tested are the cells policy - person. Every interval holds exactly those values that the test at
-5 % does not reject; so a difference without 0, a ratio without 1 and a normalized score without 1
-are one and the same statement, and so is a p below 0.05.
+A study is a table float64[participants, terrains] of one metric, NaN where a participant did not
+finish a terrain. A policy plays every terrain once, so the cells policy - person are tested. Every
+interval holds exactly the values that this test does not reject at 5 %. So these say the same: a
+p below 0.05, a difference without 0, a ratio without 1, a normalized score without 1.
 """
 
 from __future__ import annotations
@@ -13,15 +12,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from humanplay.report.statistics.intervals import Interval, interval, p_value, player_means
-from marsexplorer.intervals import CONFIDENCE, Floats
+from humanplay.report.statistics.intervals import (
+    Interval,
+    differs_from_zero,
+    interval,
+    p_value,
+    player_means,
+)
+from marsexplorer.intervals import Floats
 
 FEWEST_TO_TEST = 5
-"""Players below whom no p value is given: their spread is too poorly known."""
+"""With fewer players no p value is given: their spread is too poorly known."""
 
 XTOL, RTOL = 1e-13, 1e-12
-"""How near an end of an interval is found: this far, and this share of it further."""
+"""The absolute and the relative tolerance of a quotient's interval."""
 
 
 def finite_ends(ends: tuple[Floats, Floats]) -> Interval | None:
@@ -34,23 +40,23 @@ def finite_ends(ends: tuple[Floats, Floats]) -> Interval | None:
 class PolicyComparison:
     """A policy compared with the people on the same terrains, in one metric.
 
-    Intervals are 95 %.
+    All is per protocol, except `everybody` and the p-values, which are the larger of both
+    estimates. Intervals are 95 %.
 
     Attributes:
-        mean: Of the policy over the terrains.
+        mean: The policy's over the terrains.
+        terrains: How many the policy played.
         difference: Policy - people: the mean over players of a player's mean difference on the
             terrains they finished.
         interval: Of the difference.
-        everybody: Policy - everybody who began, with its interval; the other fields are per
-            protocol; None where no lowest score is declared.
-        p_value: Of the test that the difference is 0 (`policy_p`); None where the protocol
-            plans no test of it.
+        ratio: Policy / people, over players and terrains; the paper's 85.8 % is this figure.
+        normalized: (policy - random) / (people - random), over players and terrains. None for
+            `random`, if it was not played, and if people are not significantly better than it.
+        everybody: Policy - everybody who began; None if no lowest score is declared.
+        p_value: Of the test that the difference is 0 (`policy_p`); None if the protocol plans no
+            test of it.
         p_adjusted: `p_value` by Holm's method over the policies that the protocol names,
             without `random`.
-        ratio: Policy / people (the 85.8 % of the paper is this figure), over players and
-            terrains.
-        normalized: (policy - random) / (people - random), over players and terrains; None for
-            `random`, without it, and unless people are surely better.
     """
 
     policy: str
@@ -81,22 +87,22 @@ def compare_policy(
     """Compare a policy with the people on the same terrains.
 
     Args:
-        policy: its name.
-        metric: "score" or "steps".
-        values: the policy's, float64[terrains].
-        table: the people's, float64[participants, terrains], NaN for a gap.
-        random: the values of the policy `random`; None where it was not played.
-        worst: the worst value that a participant's episode can have; None if none is declared.
-        terrains_drawn: whether the intervals are for other terrains too.
+        policy: Its name.
+        metric: `score` or `steps`.
+        values: The policy's, float64[terrains].
+        table: The people's, float64[participants, terrains], NaN for a gap.
+        random: The values of the policy `random`; None if it was not played.
+        worst: The worst value that a participant's episode can have; None if none is declared.
+        terrains_drawn: Whether the intervals are for other terrains too.
     """
     differences = values - table
-    lowest = None if worst is None else values - worst
+    worst_difference = None if worst is None else values - worst
     ratio, ratio_interval = quotient_interval(values, table, worst, terrains_drawn)
     normalized, normalized_interval = None, None
     if random is not None and policy != "random":
-        above = None if worst is None else worst - random
+        worst_above_random = None if worst is None else worst - random
         normalized, normalized_interval = quotient_interval(
-            values - random, table - random, above, terrains_drawn
+            values - random, table - random, worst_above_random, terrains_drawn
         )
     return PolicyComparison(
         policy=policy,
@@ -104,7 +110,7 @@ def compare_policy(
         mean=float(values.mean()),
         terrains=len(values),
         difference=float(player_means(differences).mean()),
-        interval=finite_ends(interval(differences, lowest, terrains_drawn)),
+        interval=finite_ends(interval(differences, worst_difference, terrains_drawn)),
         ratio=ratio,
         ratio_interval=ratio_interval,
         normalized=None if normalized_interval is None else normalized,
@@ -121,25 +127,52 @@ def policy_p(
 ) -> Floats:
     """The two-sided p that a policy equals the people: the larger p of both estimates.
 
-    It is 1 where the policy is ahead of those who finished and behind everybody, or the reverse.
+    It is 1 if the estimates contradict: the policy is ahead of those who finished and behind
+    everybody, or the reverse.
 
     Args:
         finished: float64[..., participants, terrains] of those who finished, NaN for a gap.
-        everybody: The same of everybody who began; None where no lowest value is declared.
+        everybody: The same of everybody who began; None if no lowest value is declared.
         values: The policy's, float64[..., terrains].
-        worst: The worst value that a participant's episode can have; None where none is declared.
+        worst: The worst value that a participant's episode can have; None if none is declared.
         terrains_drawn: Whether the claim is about other terrains too.
 
     Returns:
-        float64[...]; NaN below five who finished, and below five terrains for a claim about others.
+        float64[...]; NaN if fewer than five finished, or if the claim is about other terrains and
+        there are fewer than five.
     """
     worst_difference = None if worst is None else values - worst
+    differences, is_one_side = _differences(finished, everybody, values)
+    p_values = [p_value(table, worst_difference, terrains_drawn) for table in differences]
+    p = np.where(is_one_side, np.maximum(p_values[0], p_values[-1]), 1.0)
+    return np.where(finished.shape[-2] >= FEWEST_TO_TEST, p, np.nan)
+
+
+def policy_differs(
+    finished: Floats,
+    everybody: Floats | None,
+    values: Floats,
+    worst: float | None = None,
+    terrains_drawn: bool = True,
+) -> NDArray[np.bool_]:
+    """Whether `policy_p` is below 0.05; faster, since it looks at this level alone.
+
+    False where that is NaN.
+    """
+    worst_difference = None if worst is None else values - worst
+    differences, is_one_side = _differences(finished, everybody, values)
+    differs = [differs_from_zero(table, worst_difference, terrains_drawn) for table in differences]
+    return np.asarray(is_one_side & differs[0] & differs[-1])
+
+
+def _differences(
+    finished: Floats, everybody: Floats | None, values: Floats
+) -> tuple[list[Floats], NDArray[np.bool_]]:
+    """A policy minus finishers and minus everybody, and whether their signs agree."""
     tables = [finished] if everybody is None else [finished, everybody]
     differences = [values[..., None, :] - table for table in tables]
-    p_values = [p_value(table, worst_difference, terrains_drawn) for table in differences]
-    sides = [np.sign(np.nanmean(table, -1).mean(-1)) for table in differences]
-    p = np.where(sides[0] == sides[-1], np.maximum(p_values[0], p_values[-1]), 1.0)
-    return np.where(finished.shape[-2] >= FEWEST_TO_TEST, p, np.nan)
+    signs = [np.sign(np.nanmean(table, -1).mean(-1)) for table in differences]
+    return differences, np.asarray(signs[0] == signs[-1])
 
 
 def quotient_interval(
@@ -148,35 +181,36 @@ def quotient_interval(
     worst: float | Floats | None = None,
     terrains_drawn: bool = True,
 ) -> tuple[float | None, Interval | None]:
-    """The quotient q of two means, with the values of q that a test does not reject.
+    """The quotient of two means, top / people, and its 95 % interval.
 
-    The test is that top - q people = 0.
-
-    No quotient where the people's mean is not above 0, and no interval where the test cannot tell it
-    from 0, since then there are no bounds (Fieller 1954, J. R. Statist. Soc. B 16(2)).
+    The interval holds the quotients q for which the test that top - q people = 0 does not reject.
 
     Args:
         top: float64[terrains].
         people: float64[participants, terrains], NaN for a gap.
-        worst: the worst value of the people's cells, a scalar or float64[terrains].
-        terrains_drawn: whether the interval is for other terrains too.
+        worst: The worst value of the people's cells, a scalar or float64[terrains].
+        terrains_drawn: Whether the interval is for other terrains too.
+
+    Returns:
+        No quotient unless the people's mean is above 0. No interval unless the test tells their
+        mean from 0: it has no bounds then (Fieller 1954, J. R. Statist. Soc. B 16(2)).
     """
-    middle = float(player_means(people).mean())
-    if middle <= 0:
+    people_mean = float(player_means(people).mean())
+    if people_mean <= 0:
         return None, None
-    above = np.where(np.isnan(people), np.nan, top)
-    quotient = float(player_means(above).mean()) / middle
-    if not p_value(people, worst, terrains_drawn) < 1 - CONFIDENCE:
+    numerator = np.where(np.isnan(people), np.nan, top)
+    quotient = float(player_means(numerator).mean()) / people_mean
+    if not differs_from_zero(people, worst, terrains_drawn):
         return quotient, None
 
     def reach(q: float) -> float:
-        """How far the interval of top - q people reaches beyond 0 on its nearer side."""
+        """How far the interval of top - q people reaches beyond 0, on its nearer side."""
         lowest = None if worst is None else top - q * np.asarray(worst)
-        low, high = interval(above - q * people, lowest, terrains_drawn)
+        low, high = interval(numerator - q * people, lowest, terrains_drawn)
         return float(min(high, -low))
 
     low, high = interval(people, worst, terrains_drawn)
-    step = max(abs(quotient), 1e-3) * max(float(high - low) / middle, 1e-9)
+    step = max(abs(quotient), 1e-3) * max(float(high - low) / people_mean, 1e-9)
     return quotient, (_end(reach, quotient, -step), _end(reach, quotient, step))
 
 
@@ -195,37 +229,44 @@ def _crossing(reach: Callable[[float], float], start: float, end: float) -> floa
     """Where `reach` is 0 between two numbers at which its signs differ.
 
     This is Chandrupatla's method (1997, Advances in Engineering Software 28): inverse quadratic
-    interpolation where that is safe, else halving. `score` needs it without SciPy.
+    interpolation if that is safe, else halving. SciPy has it, but `humanplay.score` must run
+    without SciPy.
     """
+    # the paper's x1, x2, x3 are newest, opposite, dropped; its f1, f2, f3 are `reach` at them
     newest, opposite = end, start
     at_newest, at_opposite = reach(newest), reach(opposite)
-    share = 0.5
+    share = 0.5  # of the way from newest to opposite: the paper's t
     while True:
-        middle = newest + share * (opposite - newest)
-        at_middle = reach(middle)
-        if (at_middle > 0) == (at_newest > 0):
+        # 1. try a point between the two
+        between = newest + share * (opposite - newest)
+        at_between = reach(between)
+        # 2. keep two points with different signs, and remember the one that is dropped
+        if (at_between > 0) == (at_newest > 0):
             dropped, at_dropped = newest, at_newest
         else:
             dropped, at_dropped = opposite, at_opposite
             opposite, at_opposite = newest, at_newest
-        newest, at_newest = middle, at_middle
+        newest, at_newest = between, at_between
 
+        # 3. stop once the two are as near as the tolerance
         is_newest_nearer = abs(at_newest) < abs(at_opposite)
         nearest = newest if is_newest_nearer else opposite
         least_share = (XTOL + RTOL * abs(nearest)) / abs(opposite - newest)
         if least_share > 0.5 or min(abs(at_newest), abs(at_opposite)) == 0:
             return nearest
 
-        place = (newest - opposite) / (dropped - opposite)
-        height = (at_newest - at_opposite) / (at_dropped - at_opposite)
+        # 4. halve, or interpolate by the inverse parabola if it is monotone between the two
+        xi = (newest - opposite) / (dropped - opposite)
+        phi = (at_newest - at_opposite) / (at_dropped - at_opposite)
         share = 0.5
-        if height**2 < place and (1 - height) ** 2 < 1 - place:
+        if phi**2 < xi and (1 - phi) ** 2 < 1 - xi:
             by_opposite = at_newest / (at_opposite - at_newest) * at_dropped
             by_dropped = at_newest / (at_dropped - at_newest) * at_opposite
             ratio = (dropped - newest) / (opposite - newest)
             share = by_opposite / (at_opposite - at_dropped) + ratio * by_dropped / (
                 at_dropped - at_opposite
             )
+        # 5. stay at least the tolerance away from both
         share = min(1 - least_share, max(least_share, share))
 
 

@@ -22,6 +22,7 @@ from humanplay.board.attestation import level_reaches, shows_program, shows_prog
 from humanplay.db.trial import LEFT, Required, Trial
 from humanplay.report.statistics.formatting import counted, percent
 from humanplay.study.data import Person, StudyData
+from humanplay.study.exclusion_rules import Rule
 from humanplay.study.flow import (
     IN_EVERYBODY,
     INTERRUPTED,
@@ -33,7 +34,6 @@ from humanplay.study.flow import (
 )
 from humanplay.study.outcome import Outcome
 from humanplay.study.practice import has_passed
-from humanplay.study.protocol import Rule
 from marsexplorer.intervals import Floats
 
 MetricName = Literal["score", "steps"]
@@ -41,7 +41,7 @@ METRICS: tuple[MetricName, ...] = ("score", "steps")
 EVERYBODY = "everybody"
 
 
-class Lowest(StrEnum):
+class LowestReason(StrEnum):
     """Why a terrain enters the estimate for everybody at the lowest score."""
 
     GIVEN_UP = "given_up"
@@ -51,12 +51,12 @@ class Lowest(StrEnum):
     STOPPED = "stopped_by_rule"
 
 
-LOWEST_IN_WORDS: dict[Lowest, str] = {
-    Lowest.GIVEN_UP: "given up",
-    Lowest.NOT_ENDED: "not ended",
-    Lowest.BOT: "by a bot",
-    Lowest.FAILED: "failure of environment or server",
-    Lowest.STOPPED: "stopped by a rule",
+LOWEST_IN_WORDS: dict[LowestReason, str] = {
+    LowestReason.GIVEN_UP: "given up",
+    LowestReason.NOT_ENDED: "not ended",
+    LowestReason.BOT: "by a bot",
+    LowestReason.FAILED: "failure of environment or server",
+    LowestReason.STOPPED: "stopped by a rule",
 }
 
 
@@ -280,7 +280,7 @@ def _status(
         if data.closed_ms is None:
             return Status.PLAYING
         last = lowest_reason(data, person, ranked[-1])
-        by_last = {Lowest.FAILED: Status.FAILED, Lowest.STOPPED: Status.STOPPED}
+        by_last = {LowestReason.FAILED: Status.FAILED, LowestReason.STOPPED: Status.STOPPED}
         return by_last.get(last, Status.LEFT) if last is not None else Status.LEFT
     if is_inside or not data.shows_people:
         return Status.FINISHED
@@ -288,26 +288,26 @@ def _status(
         return Status.PARTLY_BOT
     if len(cohort.ranked[person.id]) < cohort.terrains:
         return Status.NOT_ATTESTED
-    most = data.protocol.per_protocol.get("most_given_up", 1.0)
-    is_over = given_up(cohort, person.id) > most
+    most = data.protocol.per_protocol.get("max_given_up_share", 1.0)
+    is_over = share_given_up(cohort, person.id) > most
     return Status.GAVE_UP if is_over or _lacks_score(cohort, person.id) else Status.EXCLUDED
 
 
-def lowest_reason(data: StudyData, person: Person, trial: Trial) -> Lowest | None:
+def lowest_reason(data: StudyData, person: Person, trial: Trial) -> LowestReason | None:
     """Why a ranked episode counts at the lowest score; None if it counts as played."""
     stopped = {event.detail.get("episode") for event in person.events if event.kind == STOPPED}
     if trial.id in stopped:
-        return Lowest.STOPPED
+        return LowestReason.STOPPED
     if trial.outcome == "environment_failed":
-        return Lowest.FAILED
+        return LowestReason.FAILED
     if trial.ended_ms is None:
-        return Lowest.NOT_ENDED
+        return LowestReason.NOT_ENDED
     if _is_by_bot(trial, data.protocol.required_attestation):
-        return Lowest.BOT
+        return LowestReason.BOT
     if trial.outcome not in LEFT:
         return None
     is_cut_off = data.closed_ms is not None and trial.ended_ms >= data.closed_ms
-    return Lowest.NOT_ENDED if is_cut_off else Lowest.GIVEN_UP
+    return LowestReason.NOT_ENDED if is_cut_off else LowestReason.GIVEN_UP
 
 
 @dataclass(frozen=True)
@@ -320,7 +320,7 @@ class Everybody:
     """
 
     cohort: Cohort
-    reasons: Mapping[str, tuple[Lowest | None, ...]]
+    reasons: Mapping[str, tuple[LowestReason | None, ...]]
 
 
 def everybody_of(data: StudyData, cohort: Cohort) -> Everybody:
@@ -332,7 +332,7 @@ def everybody_of(data: StudyData, cohort: Cohort) -> Everybody:
     is_shown = data.shows_people or cohort.kind != "human"
     episodes = _ranked(data, cohort)
     ranked: dict[str, tuple[Trial, ...]] = dict.fromkeys(cohort.ranked, ())
-    reasons: dict[str, tuple[Lowest | None, ...]] = {}
+    reasons: dict[str, tuple[LowestReason | None, ...]] = {}
     for ident, status in statuses(data, cohort).items():
         if status not in IN_EVERYBODY or not is_shown:
             continue
@@ -340,7 +340,7 @@ def everybody_of(data: StudyData, cohort: Cohort) -> Everybody:
         lowest = [
             lowest_reason(data, people[ident], by_terrain[at])
             if at in by_terrain
-            else Lowest.NOT_ENDED
+            else LowestReason.NOT_ENDED
             for at in range(cohort.terrains)
         ]
         reasons[ident] = tuple(lowest)
@@ -417,31 +417,34 @@ def broken(cohort: Cohort, person: Person, rules: Mapping[Rule, bool | float]) -
         yield "completed"
     if rules.get("all_ranked_driver_human") and not whole:
         yield "all_ranked_driver_human"
-    if given_up(cohort, person.id) > rules.get("most_given_up", 1.0):
-        yield "most_given_up"
+    if share_given_up(cohort, person.id) > rules.get("max_given_up_share", 1.0):
+        yield "max_given_up_share"
     if rules.get("no_labels") and any(trial.labels for trial in trials):
         yield "no_labels"
     most = rules.get("max_pause_share")
     if most is not None and any(trial.pause_share > float(most) for trial in trials):
         yield "max_pause_share"
+    most = rules.get("max_touch_share")
+    if most is not None and any(trial.touch_share > float(most) for trial in trials):
+        yield "max_touch_share"
     if rules.get("passed_practice") and person.id not in cohort.passed:
         yield "passed_practice"
-    if person.minutes is not None and person.minutes < rules.get("least_minutes", 0.0):
-        yield "least_minutes"
-    if person.minutes is not None and person.minutes > rules.get("most_minutes", np.inf):
-        yield "most_minutes"
-    if missed_checks(person.events) > rules.get("most_missed_checks", np.inf):
-        yield "most_missed_checks"
-    if devices_used(person.events) > rules.get("most_devices", np.inf):
-        yield "most_devices"
+    if person.minutes is not None and person.minutes < rules.get("min_minutes", 0.0):
+        yield "min_minutes"
+    if person.minutes is not None and person.minutes > rules.get("max_minutes", np.inf):
+        yield "max_minutes"
+    if missed_checks(person.events) > rules.get("max_missed_checks", np.inf):
+        yield "max_missed_checks"
+    if devices_used(person.events) > rules.get("max_devices", np.inf):
+        yield "max_devices"
 
 
 OF_NO_EPISODE: tuple[Rule, ...] = (
     "passed_practice",
-    "least_minutes",
-    "most_minutes",
-    "most_missed_checks",
-    "most_devices",
+    "min_minutes",
+    "max_minutes",
+    "max_missed_checks",
+    "max_devices",
 )
 """Rules of which a break says nothing of a ranked episode: the operator of an open study sees it."""
 
@@ -461,7 +464,7 @@ def flagged(
 
 
 def flags_of_finishers(data: StudyData) -> dict[str, list[str]]:
-    """The ids of those who have finished, by the flag that they have and an operator may see now."""
+    """Flag -> IDs of the finishers who have it, if an operator may see it now."""
     people = [person for person in data.people if person.kind == "human" and person.completed_ms]
     cohort, ids = _cohort(data, "people", "human", people), {person.id for person in people}
     flags, protocol = data.protocol.flags, _of_no_episode(data.protocol.per_protocol)
@@ -480,7 +483,7 @@ def is_flagged_throughout(cohort: Cohort, participant: str) -> bool:
     return cohort.kind == "human" and bool(has_fault) and all(has_fault)
 
 
-def given_up(cohort: Cohort, participant: str) -> float:
+def share_given_up(cohort: Cohort, participant: str) -> float:
     """The share (0..1) of the ranked terrains that somebody gave up."""
     trials = cohort.ranked[participant]
     return sum(trial.outcome == "abandoned" for trial in trials) / cohort.terrains
@@ -521,15 +524,18 @@ def _rule_text(rule: Rule, bound: bool | float) -> str:
     texts: dict[Rule, str] = {
         "completed": "ended every ranked episode",
         "all_ranked_driver_human": "made every move of the ranked episodes",
-        "most_given_up": f"gave up at most {percent(float(bound))} of the ranked episodes",
+        "max_given_up_share": f"gave up at most {percent(float(bound))} of the ranked episodes",
         "no_labels": "no ranked episode carries a label",
         "max_pause_share": f"no ranked episode was paused for more than {percent(float(bound))} of its time",
+        "max_touch_share": f"in no ranked episode more than {percent(float(bound))} of the moves were made by touch",
         "passed_practice": "passed the practice",
-        "least_minutes": f"took at least {bound:g} minutes in all",
-        "most_minutes": f"took at most {bound:g} minutes in all",
-        "most_missed_checks": f"missed at most {counted(int(bound), 'attention check')}"
+        "min_minutes": f"took at least {bound:g} minutes in all",
+        "max_minutes": f"took at most {bound:g} minutes in all",
+        "max_missed_checks": f"missed at most {counted(int(bound), 'attention check')}"
         if bound
         else "missed no attention check",
-        "most_devices": f"took part on at most {counted(int(bound), 'device')}",
+        "max_devices": f"changed devices at most {counted(int(bound) - 1, 'time')}"
+        if bound > 1
+        else "never changed devices",
     }
     return texts[rule]

@@ -43,7 +43,7 @@ class Counts(TypedDict):
     spoilt: int
 
 
-class Missing(TypedDict):
+class Shortfall(TypedDict):
     """Players that lack, of how many with so many episodes each."""
 
     players: int
@@ -51,7 +51,7 @@ class Missing(TypedDict):
     episodes: int
 
 
-class AsPlayed(TypedDict):
+class MeansAsPlayed(TypedDict):
     """The means as if no episode was spoilt."""
 
     score: float
@@ -65,7 +65,7 @@ class Means(TypedDict):
         as_played: As if no episode was spoilt; None if none is.
     """
 
-    as_played: AsPlayed | None
+    as_played: MeansAsPlayed | None
     score: MeanInterval | None
     steps: MeanInterval | None
     completed: float | None
@@ -86,7 +86,7 @@ class VolunteerFigure(Counts, Means):
     config: dict[str, object]
     population: Literal["volunteers"]
     entering: Counts
-    missing: Missing | None
+    missing: Shortfall | None
 
 
 class HumanLevel(TypedDict):
@@ -192,7 +192,7 @@ def _counts(players: Sequence[Sums]) -> Counts:
 
 
 def _means(environment: Environment, config: Configuration, players: Sequence[Sums]) -> Means:
-    as_played: AsPlayed = {
+    as_played: MeansAsPlayed = {
         "score": _mean([sums.played_score / sums.episodes for sums in players]),
         "steps": _mean([sums.played_steps / sums.episodes for sums in players]),
     }

@@ -119,13 +119,34 @@ def p_value(
     """
 
     def p_values(studies: Floats, worst: Floats | None) -> Floats:
-        low, high = _with_the_unseen(studies, worst, unseen)
-        is_above = _means(low) > 0
-        facing = np.where(is_above[:, None, None], low, -high)
-        p = 2 * _level_at_zero(_Margins(facing, terrains_drawn))
+        p = 2 * _level_at_zero(_facing(studies, worst, terrains_drawn, unseen))
         return np.clip(p, 2.0 ** -studies.shape[1], 1.0)
 
     return _by_participants(p_values, table, worst, terrains_drawn, ())
+
+
+def differs_from_zero(
+    table: Floats, worst: float | Floats | None, terrains_drawn: bool = True
+) -> NDArray[np.bool_]:
+    """Whether `p_value` is below 0.05; faster, since it looks at this level alone.
+
+    Args:
+        table, worst, terrains_drawn: As in `p_value`.
+    """
+
+    def is_beyond(studies: Floats, worst: Floats | None) -> Floats:
+        at = np.full(len(studies), _AT_TAIL)
+        end = _lowest(_facing(studies, worst, terrains_drawn, UNSEEN), at)
+        return np.where(end > 0, 1.0, 0.0)
+
+    return np.asarray(_by_participants(is_beyond, table, worst, terrains_drawn, ()) == 1)
+
+
+def _facing(studies: Floats, worst: Floats | None, terrains_drawn: bool, unseen: float) -> _Margins:
+    """The margins of studies whose mean is above 0, and of the others mirrored at 0."""
+    low, high = _with_the_unseen(studies, worst, unseen)
+    is_above = _means(low) > 0
+    return _Margins(np.where(is_above[:, None, None], low, -high), terrains_drawn)
 
 
 def _by_participants(

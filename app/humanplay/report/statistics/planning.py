@@ -8,7 +8,8 @@ finished; each leaves with the assumed share, after a number of ranked episodes 
 likely, and the others have the worst value. A policy's value on a terrain is the policy's mean plus
 a normal deviation (the assumed standard deviation of terrains), cut off likewise. One policy
 differs by the planned difference from the mean of those who finish, the others of the family do
-not. Whether the difference is seen is asked of `policy_p` and `holm`.
+not. Whether the difference is seen is asked of `policy_differs`, and within a family of `policy_p` and
+`holm`.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from humanplay.jobs import Progress
 from humanplay.report.statistics.arm_comparisons import arm_p
-from humanplay.report.statistics.comparisons import holm, policy_p
+from humanplay.report.statistics.comparisons import holm, policy_differs, policy_p
 from humanplay.report.statistics.exclusion_sets import members, people_of, statuses
 from humanplay.report.statistics.intervals import Interval, interval
 from humanplay.report.statistics.spread import variance_components
@@ -29,7 +31,8 @@ from humanplay.report.statistics.study_figures import metric_bounds, worst_value
 from humanplay.study.data import StudyData
 from humanplay.study.flow import Status
 from humanplay.study.policy_episodes import tested_policies
-from humanplay.study.protocol import Power, Protocol
+from humanplay.study.protocol import Protocol
+from humanplay.study.protocol_parts import Power
 from humanplay.task import counted
 from marsexplorer.intervals import CONFIDENCE, FEWEST, Floats
 
@@ -103,7 +106,7 @@ def design_of(protocol: Protocol) -> StudyDesign:
     terrain_sd, episode_sd = protocol.assumed_terrain_sd, protocol.assumed_episode_sd
     if mean is None or player_sd is None or terrain_sd is None or episode_sd is None:
         names = "assumed_mean, assumed_player_sd, assumed_terrain_sd and assumed_episode_sd"
-        raise ValueError(f"power is computed from {names}: write each into protocol.json")
+        raise ValueError(f"power is computed from {names}: write each into protocol.toml")
     return StudyDesign(
         participants=protocol.players,
         terrains=protocol.ranked,
@@ -134,6 +137,11 @@ class _Studies:
     finished: Floats
     everybody: Floats | None
     terrains: Floats
+
+    def chosen(self, studies: NDArray[np.bool_]) -> _Studies:
+        """Some of the studies."""
+        everybody = None if self.everybody is None else self.everybody[studies]
+        return _Studies(self.finished[studies], everybody, self.terrains[studies])
 
 
 def _simulated(design: StudyDesign, studies: int, seed: int) -> Iterator[_Studies]:
@@ -211,18 +219,22 @@ def simulate_power(
 
 def _seen(design: StudyDesign, some: _Studies, effect: float) -> int:
     """Count the studies that see the first policy's effect, on the side where it is."""
-    p_values = np.ones((len(some.finished), design.policies))
-    p_values[:, 0] = _p_of(design, some, 0, effect)
-    # Holm's answer for the first policy rests on the others only in between
-    is_open = (p_values[:, 0] < 1 - CONFIDENCE) & (
-        design.policies * p_values[:, 0] >= 1 - CONFIDENCE
+    values = _policy_values(design, some, 0, effect)
+    differs = policy_differs(
+        some.finished, some.everybody, values, design.worst, design.terrains_drawn
     )
-    if is_open.any():
-        everybody = None if some.everybody is None else some.everybody[is_open]
-        those = _Studies(some.finished[is_open], everybody, some.terrains[is_open])
-        for policy in range(1, design.policies):
-            p_values[is_open, policy] = _p_of(design, those, policy, 0.0)
-    ahead = _policy_values(design, some, 0, effect).mean(-1) - some.finished.mean((-2, -1))
+    p_values = np.ones((len(some.finished), design.policies))
+    p_values[differs, 0] = 0.0
+    # only Holm's answer within a family rests on the p itself
+    if design.policies > 1 and differs.any():
+        p_values[differs, 0] = _p_of(design, some.chosen(differs), 0, effect)
+        # and on the others only in between
+        is_open = differs & (design.policies * p_values[:, 0] >= 1 - CONFIDENCE)
+        if is_open.any():
+            those = some.chosen(is_open)
+            for policy in range(1, design.policies):
+                p_values[is_open, policy] = _p_of(design, those, policy, 0.0)
+    ahead = values.mean(-1) - some.finished.mean((-2, -1))
     is_seen = (holm(p_values)[:, 0] < 1 - CONFIDENCE) & (np.sign(ahead) == np.sign(effect))
     return int(is_seen.sum())
 

@@ -29,8 +29,9 @@ from humanplay.report.statistics.exclusion_sets import (
 from humanplay.report.statistics.formatting import counted
 from humanplay.report.statistics.intervals import Estimate, Interval, estimate, player_means
 from humanplay.study.data import StudyData
+from humanplay.study.exclusion_rules import PER_PROTOCOL
 from humanplay.study.flow import BEGAN, IN_EVERYBODY, Status
-from humanplay.study.protocol import PER_PROTOCOL, Protocol
+from humanplay.study.protocol import Protocol
 from humanplay.task import Configuration, Environment
 from marsexplorer.intervals import FEWEST, Floats
 
@@ -76,7 +77,7 @@ class StatusRow:
     Attributes:
         in_per_protocol, in_everybody: Whether they are in these estimates.
         as_played: Ranked terrains that enter the estimate for everybody as they were played.
-        lowest: Those that enter at the lowest score, by reason (`exclusion_sets.Lowest`).
+        lowest: Those that enter at the lowest score, by reason (`exclusion_sets.LowestReason`).
     """
 
     status: str
@@ -249,7 +250,7 @@ def _headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure
         return f"{passed} of {people} passed the practice, and nobody began a ranked episode: there is no human score."
     screens, of_one = [], ""
     who = f"passed the practice ({passed} of {len(verdicts)})"
-    if protocol.practice is not None and protocol.practice.then == "screen_out":
+    if protocol.practice is not None and protocol.practice.if_failed == "screen_out":
         screens.append(who)
     elif protocol.per_protocol.get("passed_practice"):
         of_one = f", of people who {who}"
@@ -267,7 +268,7 @@ def _attentive(data: StudyData, limit: int) -> str:
     """What holds of whoever was not screened out by attention checks, and of how many."""
     counts = Counter(statuses(data, people_of(data)).values())
     began, screened = sum(counts[status] for status in BEGAN), counts[Status.FAILED_ATTENTION]
-    rule = join_rule_texts({"most_missed_checks": limit})
+    rule = join_rule_texts({"max_missed_checks": limit})
     return f"{rule} before the ranked episodes ({began:,} began, {screened:,} screened out)"
 
 

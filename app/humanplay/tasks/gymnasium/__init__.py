@@ -1,1 +1,1 @@
-"""Environments of Gymnasium on the playground: turn by turn, in process, shown as their own picture."""
+"""Environments of Gymnasium, shown by their own pictures."""

@@ -1,10 +1,16 @@
-"""What pages, reports and studies say of a Gymnasium environment: what its description says, or what follows from it."""
+"""What pages, reports and studies say of a Gymnasium environment."""
 
 from __future__ import annotations
 
 from humanplay.task import About, Texts, Words, counted
 from humanplay.tasks.gymnasium.configuration import GymnasiumConfig
 from humanplay.tasks.gymnasium.description import Description, canonical
+
+STUDY_TITLE = "How well do people play {title}? ({name})"
+OPENING = (
+    "You are invited to take part in a study of how well people play {title}. You play it with the keyboard or by touch, in "
+    "your browser."
+)
 
 
 def about(description: Description, score: str) -> About:
@@ -54,9 +60,8 @@ def texts_of(config: GymnasiumConfig, about: About) -> Texts:
         design=f"`{setting}` with {description.versions}, at most {most} an episode.{time}{sees}{described}",
         # half a second a move, or a frame, and never more than two minutes
         minutes=min(2.0, config.limit / (60 * clock if clock else 120)),
-        study_title=f"How well do people play {title}? ({{name}})",
-        opening=f"You are invited to take part in a study of how well people play {title}. You play it with the "
-        "keyboard or by touch, in your browser.",
+        study_title=STUDY_TITLE,
+        opening=OPENING,
         things="rounds",
         placeholders={"title": title},
     )
@@ -65,9 +70,8 @@ def texts_of(config: GymnasiumConfig, about: About) -> Texts:
 def _observations(config: GymnasiumConfig) -> str:
     """What people and agents see, if the description says it of these arguments."""
     description = config.description
-    seen, given = description.people_see, description.agents_see
-    if not (seen or given) or config.arguments != canonical(description.kwargs):
+    people, agents = description.people_see, description.agents_see
+    if not (people or agents) or config.arguments != canonical(description.kwargs):
         return ""
-    people, agents = seen or "its picture", given or "its observation"
-    same = "the same" if people == agents else agents
-    return f"People see {people}; agents are given {same}."
+    people, agents = people or "its picture", agents or "its observation"
+    return f"People see {people}; agents are given {'the same' if people == agents else agents}."

@@ -1,6 +1,7 @@
-"""Environments and wrappers that make others playable and exact; they are named in a description.
+"""Environments and wrappers that make others playable and exact.
 
-`humanplay.tasks.gymnasium.adapters:Crafter-v0` is Crafter, and a wrapper is `"humanplay.tasks.gymnasium.adapters:Fresh"`.
+A description names them: `humanplay.tasks.gymnasium.adapters:Crafter-v0` is Crafter, and
+`"humanplay.tasks.gymnasium.adapters:Fresh"` is a wrapper.
 """
 
 from __future__ import annotations
@@ -20,25 +21,28 @@ ActionWrapper = gymnasium.ActionWrapper[Any, Any, Any]
 
 
 class Fresh(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Makes the environment anew for each episode: what `reset` leaves of the last one (BipedalWalker's) has no effect."""
+    """Makes a new environment for each episode.
+
+    So nothing that `reset` leaves of the last episode, as BipedalWalker's does, has an effect.
+    """
 
     _used = False
 
-    def reset(self, **given: Any) -> Any:
-        """Return what the reset of a new environment returns, or of the first one where it is unused."""
+    def reset(self, **arguments: Any) -> Any:
+        """Reset a new environment, or the first one if it is unused."""
         if self._used:
             self.env.close()
             assert self.env.spec is not None
             self.env = gymnasium.make(self.env.spec)
         self._used = True
-        return self.env.reset(**given)
+        return self.env.reset(**arguments)
 
 
 class OneAtATime(ActionWrapper):
-    """Of an action of several numbers, one is not at its rest and the others are.
+    """Changes one number of an action at a time; the others stay at rest.
 
-    Continuous numbers rest at 0, and go to their lowest or highest: 0 is none, 1 and 2 the first, and so on. Whole numbers
-    rest at their lowest, and take each of their other values in turn.
+    Continuous numbers rest at 0 and go to their lowest or highest: action 0 changes none, 1 and 2
+    the first, and so on. Whole numbers rest at their lowest, and take their other values in turn.
     """
 
     def __init__(self, env: Environment) -> None:
@@ -47,7 +51,7 @@ class OneAtATime(ActionWrapper):
         self.action_space = gymnasium.spaces.Discrete(len(self._changes) + 1)
 
     def action(self, action: int) -> object:
-        """Return the numbers."""
+        """The numbers of an action."""
         numbers = self._rest.copy()
         if action:
             which, number = self._changes[int(action) - 1]
@@ -87,12 +91,12 @@ class FirstActions(ActionWrapper):
         self.action_space = gymnasium.spaces.Discrete(count, start=int(space.start))
 
     def action(self, action: int) -> object:
-        """Return the action itself."""
+        """The action itself."""
         return action
 
 
-class _InOrder(dict[Any, None]):
-    """A set in the order of insertion; Crafter's own are iterated by address in memory."""
+class _OrderedSet(dict[Any, None]):
+    """A set in the order of insertion; Crafter's own have the order of addresses."""
 
     remove = dict.__delitem__
 
@@ -101,10 +105,12 @@ class _InOrder(dict[Any, None]):
 
 
 class Crafter(gymnasium.Env[Any, int]):
-    """Crafter (Hafner 2021, arXiv 2109.06780; of Gym 0.21) made exact: as shipped, a seed and actions give different worlds.
+    """Crafter (Hafner 2021, arXiv 2109.06780; of Gym 0.21) made exact.
 
-    Its sets are kept in order. Its `render` draws random numbers, so that its picture is that of the last step; its `reset`
-    counts episodes, so that each is made anew. `info` tells `unlocked`, the achievements so far.
+    As shipped, one seed and the same actions give different worlds. Here its sets keep their order;
+    the picture is that of the last step, since its `render` draws random numbers; and each episode
+    is a new environment, since its `reset` counts episodes. `info["unlocked"]` is how many
+    achievements have been reached.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -119,32 +125,35 @@ class Crafter(gymnasium.Env[Any, int]):
         self.observation_space: Any = gymnasium.spaces.Box(0, 255, (size, size, 3), np.uint8)
 
     def get_action_meanings(self) -> list[str]:
-        """Return the names of the actions."""
+        """The names of the actions."""
         return list(self._inner.action_names)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Return the first picture of the world of a seed, that of the last one where none is given."""
+        """Begin the world of a seed, or of the last one; return its first picture."""
         self.__init__(self._seed if seed is None else seed, self._size, self.render_mode)  # type: ignore[misc]
         world, reset = self._inner._world, self._inner._world.reset
 
         def reset_in_order(seed: int | None = None) -> None:
             reset(seed)
-            world._chunks = defaultdict(_InOrder)
+            world._chunks = defaultdict(_OrderedSet)
 
         world.reset = reset_in_order
-        self._frame = self._inner.reset()
+        self._frame = np.ascontiguousarray(self._inner.reset())
         return self._frame, {"unlocked": 0}
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, int]]:
-        """Return the next picture, reward and ends; the player's death terminates."""
-        self._frame, reward, ended, info = self._inner.step(int(action))
+        """Make a move; the player's death terminates."""
+        frame, reward, ended, info = self._inner.step(int(action))
+        # Crafter's frame has its columns first in memory, and both hash and picture would turn it
+        self._frame = np.ascontiguousarray(frame)
         counts: Iterable[int] = info["achievements"].values()
-        told = {"unlocked": sum(count > 0 for count in counts)}
+        unlocked = sum(count > 0 for count in counts)
         died = info["discount"] == 0
-        return self._frame, float(reward), died, bool(ended and not died), told
+        truncated = bool(ended and not died)
+        return self._frame, float(reward), died, truncated, {"unlocked": unlocked}
 
     def render(self) -> Any:
-        """Return the picture of the last step."""
+        """The picture of the last step."""
         return self._frame
 
 

@@ -1,7 +1,7 @@
-"""Where an environment steps: in processes of its own, whoever asks, so that one that fails ends itself alone.
+"""The processes in which an environment steps; one that fails ends only itself.
 
-Boards of a server, and every command that plays, replays or exports, have the same prepared process with the same
-variables of the environment.
+A server's boards and every command that plays, replays or exports use the same kind of process, with
+the same environment variables.
 """
 
 from __future__ import annotations
@@ -33,17 +33,20 @@ ALL_OF_MEMORY = 0.5
 THREADS = 64
 """Steps that can be waited for at once."""
 OBSERVATION, PICTURE, MORE = "observation", "picture", "more"
-"""What a board's process may be asked for beside a move; `MORE` observations of a whole episode."""
+"""What a board's process can be asked for besides a move: `MORE` of an episode's observations."""
 OBSERVATIONS_BYTES = 8 * 2**20
-"""So many bytes of an episode's observations are sent at once."""
+"""How much of an episode's observations is sent at once."""
 
 
 class Boards:
     """The processes of one task's boards.
 
-    steps_on  threads to wait for their answers on
-    hidden    files and folders that no board may read
-    confined  whether they may do no more than they need
+    Args:
+        hidden: Files and folders that no board may read.
+        confined: Whether a process may do no more than it needs.
+
+    Attributes:
+        steps_on: Threads that wait for the processes' answers.
     """
 
     _open, _listing = WeakSet[Worker](), Lock()  # of all tasks that this process serves
@@ -56,7 +59,7 @@ class Boards:
         self._most = int(ALL_OF_MEMORY * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
 
     def check_room(self) -> None:
-        """Check that an episode may begin; TaskFullError where all boards take too much memory."""
+        """Raise TaskFullError if all boards take too much memory for another one."""
         with self._listing:
             boards = list(self._open)
         if (taken := sum(map(Worker.resident, boards))) > self._most:
@@ -65,7 +68,7 @@ class Boards:
             )
 
     def begin(self, request: Mapping[str, object]) -> Worker:
-        """Return a new process that plays what is requested; ValueError, saying why, where there is none."""
+        """A new process that plays a request; ValueError if it cannot be played."""
         board = self.preparer.begin(request)
         with self._listing:
             self._open.add(board)
@@ -79,21 +82,26 @@ class Boards:
 
 @lru_cache(maxsize=64)
 def _boards_of(task: str, process: int) -> Boards:
-    """The boards of a task whose steps this process, which is no server, wants to see."""
+    """The boards of a task in this process, which is no server."""
     return Boards(task, confined=False)
 
 
 def boards_of(task: str) -> Boards:
-    """The boards of a task for commands, which guard themselves from nothing: the process is prepared once."""
+    """The boards of a task for a command; they are not confined, and prepared once."""
     return _boards_of(task, os.getpid())
 
 
 class BoardRun(GymnasiumRun):
-    """A run whose environment is in a process of its own, made again by replay once where that process is lost.
+    """A run whose environment is in a process of its own.
 
-    ValueError where it cannot be made.
+    If the process is lost, another one replays the moves, once.
 
-    is_live  somebody waits for its pictures, which come with each move; else one is drawn when it is looked at
+    Args:
+        is_live: Whether somebody waits for the pictures: then each move brings one. Else a picture is
+            drawn when it is asked for.
+
+    Raises:
+        ValueError: If it cannot be made.
     """
 
     def __init__(
@@ -122,30 +130,35 @@ class BoardRun(GymnasiumRun):
         self._let_go()
 
     def _let_go(self) -> None:
-        """Let the process of a live run that has ended end; of any other it ends with the run."""
+        """End the process of a live run that has ended; any other ends with its run."""
         if self.outcome != "running" and self.is_live:
             self._board.close()
 
     def _begun(self, actions: bytes) -> Worker:
         request = request_of(self.config, self.seed, actions) | {"live": self.is_live}
         board = self._boards.begin(request)
-        told = board.answer(lambda done: self.tell(done, len(actions)))
+        moment = board.answer(lambda done: self.tell(done, len(actions)))
         self._rewards, self._scores, self._allowed = [], [], []
-        self._take(told)
+        self._take(moment)
         return board
 
     def _take(self, answer: Any) -> None:
-        told, self._last = answer if isinstance(answer, tuple) else (answer, b"")
-        self._rewards += told["rewards"]
-        self._scores += told["scores"]
-        self._allowed += [None if codes is None else tuple(codes) for codes in told["allowed"]]
-        self.outcome, self.total, self._digest = told["outcome"], told["total"], told["digest"]
-        self._shown = told["shown"]
+        """Take over what `moment_since` describes."""
+        moment, self._last = answer if isinstance(answer, tuple) else (answer, b"")
+        self._rewards += moment["rewards"]
+        self._scores += moment["scores"]
+        self._allowed += [None if codes is None else tuple(codes) for codes in moment["allowed"]]
+        self.outcome, self.total, self._digest = (
+            moment["outcome"],
+            moment["total"],
+            moment["digest"],
+        )
+        self._shown = moment["shown"]
 
     async def ask(self, action: int) -> bool:
-        """Ask its process for a move and return whether `step` can make it at once, without waiting on a thread."""
+        """Send a move to the process; True if `step` need not wait on a thread for it."""
         if self.outcome != "running" or not self._is_action(action):
-            return True  # `step` says so
+            return True  # `step` refuses it
         self._asked = action
         try:
             return await self._board.ask_without_thread(action)
@@ -154,7 +167,11 @@ class BoardRun(GymnasiumRun):
             return False
 
     def _answer(self, question: int | str, is_asked: bool = False) -> Any:
-        """Return what its process answers, made again where it is lost; LostError or ValueError where that fails too."""
+        """The process's answer; if the process is lost, a new one's.
+
+        Raises:
+            LostError, ValueError: If the new one fails too.
+        """
         try:
             return self._board.answer() if is_asked else self._board.ask(question)
         except LostError as error:
@@ -163,7 +180,7 @@ class BoardRun(GymnasiumRun):
             return self._board.ask(question)
 
     def _log_failure(self, action: int | str, error: Exception, then: str = "") -> None:
-        """Tell the author, in the server's log, what failed at which move of which episode."""
+        """Log for the author what failed at which move of which episode."""
         _log.error(
             "%s failed%s, seed %d, %s: %s",
             self.config.level,
@@ -183,9 +200,12 @@ class BoardRun(GymnasiumRun):
         return 0 <= action < len(self._names)
 
     def step(self, action: int) -> float:
-        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
+        """Make one move and return its reward.
 
-        RunEndedError where the environment fails at this move twice: the run has ended with the moves before it.
+        Raises:
+            RuntimeError: If the episode has ended.
+            ValueError: If there is no such action.
+            RunEndedError: If the environment fails at this move twice: the run has ended before it.
         """
         if self.outcome != "running":
             raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
@@ -193,7 +213,7 @@ class BoardRun(GymnasiumRun):
             raise ValueError(f"expected an action of {self.config.level}, got {action}")
         asked, self._asked = self._asked, None
         try:
-            told = self._answer(action, is_asked=asked is not None)
+            moment = self._answer(action, is_asked=asked is not None)
         except (LostError, ValueError) as error:
             self._board.close()
             self.outcome = FAILED
@@ -204,24 +224,24 @@ class BoardRun(GymnasiumRun):
                 report.rstrip(),
             ) from error
         self.actions.append(action)
-        self._take(told)
+        self._take(moment)
         self._let_go()
         return self._rewards[-1]
 
     def abandon(self) -> None:
-        """Give up: the episode ends as one that was left, with the score so far."""
+        """End the episode as an abandoned one, with the score so far."""
         super().abandon()
         self._let_go()
 
     def view(self) -> GymnasiumView:
-        """Return what may be seen of the run as it stands."""
+        """What may be seen of the run now."""
         if self._shown is None:
             self._shown = self._asked_for(PICTURE)
         return GymnasiumView(self, self._shown["picture"], self._shown["text"])
 
     @property
     def newest_observation(self) -> object:
-        """What the environment showed last; ValueError where its process is lost twice."""
+        """The environment's last observation; ValueError if its process is lost twice."""
         if not self._last:
             _, self._last = self._asked_for(OBSERVATION)
         (observation,) = unpacked(self._last)
@@ -234,7 +254,7 @@ class BoardRun(GymnasiumRun):
             raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
 
     def observation(self) -> object:
-        """Return what a policy's process is told: what the environment shows it does not leave its own."""
+        """What a policy's process gets: the cause. Observations stay in the process."""
         return self.view().observation()
 
     @property
@@ -251,7 +271,11 @@ def request_of(config: GymnasiumConfig, seed: int, actions: bytes) -> dict[str, 
 def observations(
     boards: Boards, config: GymnasiumConfig, seed: int, actions: bytes
 ) -> Iterator[object]:
-    """Yield what was seen before each move of an episode and after the last; ValueError where it cannot be played."""
+    """The observations before each move of an episode and after the last.
+
+    Raises:
+        ValueError: If the episode cannot be played.
+    """
     try:
         board = boards.begin(request_of(config, seed, actions) | {"observations": True})
         _, piece = board.answer()
@@ -270,7 +294,7 @@ def prepare(task: str) -> None:
 
 
 def work(task: str, request: Mapping[str, Any]) -> Work:
-    """Play one board: yield what its moves so far came to, then what each action that is sent leads to."""
+    """Play one board: yield its state after the first moves, then answer questions."""
     config = own_config(environment_of(task).configuration(request["config"]))
     run = GymnasiumRun(config, request["seed"])
     if "observations" in request:
@@ -305,7 +329,7 @@ def _observe(run: GymnasiumRun, actions: Sequence[int]) -> Work:
 
 
 def answer_to(run: GymnasiumRun, question: int | str) -> object:
-    """Answer what a board is asked for: a move, or what can be seen of it."""
+    """Answer a board's question: an action to step, or what can be seen of the run."""
     if question == OBSERVATION:
         return None, packed(run.newest_observation)
     if question == PICTURE:
@@ -316,9 +340,10 @@ def answer_to(run: GymnasiumRun, question: int | str) -> object:
 
 
 def moment_since(run: GymnasiumRun, since: int) -> MomentFields | tuple[MomentFields, bytes]:
-    """Describe a run as it stands, with what came since so many moves (-1: all of it).
+    """Describe a run now, with what came since so many moves (-1: all of it).
 
-    Of a live run that has ended also its last observation: nobody can ask for it any more.
+    The last observation of a live run that has ended is sent along: the process ends, so nobody can
+    ask for it later.
     """
     fields: MomentFields = {
         "rewards": list(run.rewards()[max(since, 0) :]),

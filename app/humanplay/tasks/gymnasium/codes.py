@@ -1,4 +1,4 @@
-"""The codes by which the playground calls an environment's actions, whatever it calls them itself."""
+"""Whole numbers from 0 as codes of an environment's discrete actions."""
 
 from __future__ import annotations
 
@@ -13,20 +13,27 @@ MAX_ACTIONS = 64
 """Most actions: each has a button on a phone."""
 ADAPTERS = "humanplay.tasks.gymnasium.adapters"
 MASK, METHOD = "action_mask", "action_masks"
-"""The key in info and observation as Taxi has it, and the method as sb3-contrib asks for it."""
+"""The key of a mask in info or observation (as Taxi's), and the method (as sb3-contrib's)."""
 
 Mask = NDArray[np.bool_]
 
 
 class ActionCodes:
-    """Codes 0, 1, 2, ... of discrete actions: of one number that need not begin at 0, or of several numbers or bits.
+    """Codes 0, 1, 2, ... of discrete actions.
 
-    space  the environment's own
-    count  how many codes there are
+    An action may be one number, which need not begin at 0, or several numbers or bits.
+
+    Attributes:
+        space: The environment's own space.
+        count: How many codes there are.
     """
 
     def __init__(self, env_id: str, space: object) -> None:
-        """Take a space; ValueError, naming a wrapper that helps, where it is none of discrete actions or has too many."""
+        """Take a space.
+
+        Raises:
+            ValueError: If its actions are not discrete, or too many; the text names a wrapper.
+        """
         self.space = space
         self._form: tuple[np.dtype[np.generic], tuple[int, ...]] | None = None
         if isinstance(space, gymnasium.spaces.Discrete):
@@ -54,11 +61,11 @@ class ActionCodes:
         if self._form is None:
             return int(parts[0])
         dtype, shape = self._form
-        own: NDArray[np.generic] = parts.astype(dtype).reshape(shape)
-        return own
+        action: NDArray[np.generic] = parts.astype(dtype).reshape(shape)
+        return action
 
     def of_own(self, action: object) -> int:
-        """The code of an environment's own action; ValueError for none."""
+        """The code of an environment's own action; ValueError if there is none."""
         parts = np.asarray(action)
         if parts.size != len(self._sizes) or not np.array_equal(parts, parts.astype(int)):
             raise ValueError(f"expected an action of {self.space}, got {action}")
@@ -68,37 +75,43 @@ class ActionCodes:
         return int(np.ravel_multi_index(tuple(parts), self._sizes))
 
     def names(self) -> tuple[str, ...]:
-        """What the actions are called where nobody names them: by the numbers of the environment's own."""
-        every = [np.ravel(self.own(code)).tolist() for code in range(self.count)]
-        return tuple("_".join(map(str, parts)).replace("-", "minus_") for parts in every)
+        """Names of actions that nobody has named: the numbers of the environment's own."""
+        actions = [np.ravel(self.own(code)).tolist() for code in range(self.count)]
+        return tuple("_".join(map(str, parts)).replace("-", "minus_") for parts in actions)
 
     def mask_of(
         self, env: gymnasium.Env[object, object], observation: object, info: Mapping[str, object]
     ) -> Mask | None:
-        """Return which actions the environment allows, by their codes.
+        """Which actions the environment allows now.
 
         Returns:
-            bool[count]; None if it says nothing, or allows nothing: then any may be chosen.
+            bool[count]; None if the environment says nothing, or allows nothing: then any may be
+            chosen.
 
         Raises:
-            ValueError: The mask does not fit the actions.
+            ValueError: If the mask does not fit the actions.
         """
         if MASK in info:
-            told = info[MASK]
+            env_mask = info[MASK]
         elif isinstance(observation, Mapping) and MASK in observation:
-            told = observation[MASK]
+            env_mask = observation[MASK]
         elif env.has_wrapper_attr(METHOD):
-            told = env.get_wrapper_attr(METHOD)()
+            env_mask = env.get_wrapper_attr(METHOD)()
         else:
             return None
-        mask = self._mask(told)
+        mask = self._mask(env_mask)
         return mask if mask.any() else None
 
-    def _mask(self, told: object) -> Mask:
-        """A mask of all actions; of several numbers also as a tuple of masks, or one after the other."""
-        if isinstance(told, tuple):
-            told = np.concatenate([np.ravel(part) for part in told])
-        mask = np.asarray(told).astype(bool).ravel()
+    def _mask(self, env_mask: object) -> Mask:
+        """bool[count] of an environment's mask.
+
+        Args:
+            env_mask: Of all actions. For actions of several numbers also a mask for each number, in
+                a tuple or one after the other.
+        """
+        if isinstance(env_mask, tuple):
+            env_mask = np.concatenate([np.ravel(part) for part in env_mask])
+        mask = np.asarray(env_mask).astype(bool).ravel()
         if mask.shape == (self.count,):
             return mask
         if len(self._sizes) > 1 and mask.shape == (sum(self._sizes),):
@@ -115,13 +128,12 @@ class ActionCodes:
 
 
 def allowed_in(mask: Mask | None) -> tuple[int, ...] | None:
-    """Return the codes of the allowed actions; None if all are."""
+    """The codes of the allowed actions; None if all are."""
     return None if mask is None or mask.all() else tuple(map(int, np.flatnonzero(mask)))
 
 
 def _refusal(env_id: str, space: object) -> str:
     """Say that a space is not played, and which wrapper helps."""
-    said = f"expected up to {MAX_ACTIONS} discrete actions, {env_id} has {space}"
     way = "name a wrapper of your own that has discrete actions"
     if isinstance(space, gymnasium.spaces.Discrete):
         way = f'wrappers = ["{ADAPTERS}:FirstActions"] in its file offers the first {MAX_ACTIONS}'
@@ -130,4 +142,4 @@ def _refusal(env_id: str, space: object) -> str:
         gymnasium.spaces.Box | gymnasium.spaces.MultiDiscrete | gymnasium.spaces.MultiBinary,
     ):
         way = f'wrappers = ["{ADAPTERS}:OneAtATime"] in its file offers one number at a time'
-    return f"{said}; {way}"
+    return f"expected up to {MAX_ACTIONS} discrete actions, {env_id} has {space}; {way}"

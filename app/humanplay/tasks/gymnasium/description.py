@@ -1,4 +1,7 @@
-"""What a researcher says of an environment: an id, or a TOML file; and what is known or derived where it says nothing."""
+"""An environment as a researcher describes it, by an id or a TOML file.
+
+What the description leaves open comes from the catalogue, or from the environment itself.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -22,11 +26,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from humanplay.board.messages import KEY_CODES
 from humanplay.jobs import held
 from humanplay.tasks.gymnasium.codes import ActionCodes
+from humanplay.tasks.gymnasium.kinds import refusal_of
 from humanplay.tasks.gymnasium.modules import imported, module_of_file, owners_of, source_hash
 from humanplay.tasks.gymnasium.values import two_of
 
 DEFAULT_LIMIT = 1000
-"""Moves after which an episode times out where neither the environment nor its description sets a limit."""
+"""Moves after which an episode times out if nothing else sets a limit."""
 MAX_LIMIT = 100_000
 SPECIAL = {
     32: "Space", 273: "ArrowUp", 274: "ArrowDown", 275: "ArrowRight", 276: "ArrowLeft", 1073741906: "ArrowUp",
@@ -45,10 +50,10 @@ PRINTED = "printed in preregistration, report and datasheet"
 
 
 class Description(BaseModel):
-    """An environment as people are to play it; nothing but `id` is needed.
+    """An environment as people play it; only `id` is required.
 
-    Rules: a success is `return > NUMBER`, `return >= NUMBER` or `info.NAME` (true in the last step's info). Without one nothing
-    is guessed: an episode that ends by itself has ended, no more.
+    A success is `return > NUMBER`, `return >= NUMBER` or `info.NAME` (true in the last step's info).
+    Without such a rule nothing is guessed: an episode that ends by itself has ended, no more.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -93,26 +98,28 @@ class Description(BaseModel):
 
     @field_validator("actions")
     @classmethod
-    def _are_names(cls, given: tuple[str, ...]) -> tuple[str, ...]:
-        if bad := [name for name in given if not re.fullmatch(r"\w{1,40}", name)]:
+    def _are_names(cls, actions: tuple[str, ...]) -> tuple[str, ...]:
+        if bad := [name for name in actions if not re.fullmatch(r"\w{1,40}", name)]:
             raise ValueError(f"expected names of letters, digits and _, got {bad[0]!r}")
-        if len(set(given)) < len(given):
+        if len(set(actions)) < len(actions):
             raise ValueError("expected names that differ")
-        return given
+        return actions
 
     @field_validator("keys")
     @classmethod
-    def _are_codes(cls, given: dict[str, str | int]) -> dict[str, str | int]:
-        if bad := [code for code in given if not KEY_CODES.issuperset(code.split("+"))]:
-            expected = "codes like ArrowUp, KeyA, Digit1 or Space (KeyboardEvent.code)"
-            raise ValueError(f"expected {expected}, got {bad[0]!r}")
-        return given
+    def _are_codes(cls, keys: dict[str, str | int]) -> dict[str, str | int]:
+        if bad := [code for code in keys if not KEY_CODES.issuperset(code.split("+"))]:
+            raise ValueError(
+                "expected codes like ArrowUp, KeyA, Digit1 or Space (KeyboardEvent.code), "
+                f"got {bad[0]!r}"
+            )
+        return keys
 
     @property
     def told(self) -> str:
-        """What describes it in the name of a task: the id alone, or canonical JSON of what was said."""
-        said = self.model_dump(mode="json", exclude_unset=True)
-        return self.id if said == {"id": self.id} else canonical(said)
+        """The description in the name of a task: the id, or the fields as canonical JSON."""
+        fields = self.model_dump(mode="json", exclude_unset=True)
+        return self.id if fields == {"id": self.id} else canonical(fields)
 
     @property
     def is_in_place(self) -> bool:
@@ -130,20 +137,27 @@ class Description(BaseModel):
         return two_of(env.reset(seed=seed, **options))
 
     def make(self, kwargs: Mapping[str, Any], limit: int, seed: int | None = None) -> Any:
-        """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
+        """A new environment.
+
+        Raises:
+            ValueError: If something it needs is not installed, or it refuses its arguments.
+        """
+        # without them pygame looks for a screen and for sound
         for driver in ("SDL_VIDEODRIVER", "SDL_AUDIODRIVER"):
-            os.environ.setdefault(driver, "dummy")  # pygame would look for a screen and for sound
-        given = {**kwargs, **({"seed": seed} if self.seeding == "kwarg" else {})}
+            os.environ.setdefault(driver, "dummy")
+        arguments = {**kwargs, **({"seed": seed} if self.seeding == "kwarg" else {})}
+        spec = spec_of(self.id)
         try:
-            spec = spec_of(self.id)
             if _takes(_creator_of(spec), "render_mode"):
-                given["render_mode"] = self.render_mode
-            env = gymnasium.make(spec, limit, True, **given)
+                arguments["render_mode"] = self.render_mode
+            env = gymnasium.make(spec, limit, True, **arguments)
             for wrapper in self.wrappers:
                 module, _, name = wrapper.partition(":")
                 env = getattr(imported(module), name)(env)
         except (gymnasium.error.Error, TypeError, ImportError, AttributeError) as error:
-            raise ValueError(f"{self.id} cannot be made: {error}") from error
+            # gymnasium's error of a wrong type does not say which type it is
+            reason = _refusal_of_made(spec, arguments) if isinstance(error, TypeError) else ""
+            raise ValueError(f"{self.id} cannot be made: {reason or error}") from error
         if env.render_mode not in RENDER_MODES:
             env.close()
             raise ValueError(
@@ -154,18 +168,20 @@ class Description(BaseModel):
 
     @property
     def render_mode(self) -> str:
-        """How it is shown: `rgb_array`, else `ansi`; ValueError where it draws neither."""
+        """How it is shown: `rgb_array`, else `ansi`; ValueError if it draws neither."""
         creator = _creator_of(spec_of(self.id))
         modes = getattr(creator, "metadata", {}).get("render_modes", ["rgb_array"])
         for mode in RENDER_MODES:
             if mode in modes:
                 return mode
-        said = f"no picture (rgb_array) and no text (ansi), only {', '.join(modes) or 'nothing'}"
-        raise ValueError(f"{self.id} draws {said}: name a wrapper that does")
+        raise ValueError(
+            f"{self.id} draws no picture (rgb_array) and no text (ansi), only {', '.join(modes) or 'nothing'}: "
+            "name a wrapper that does"
+        )
 
     @property
     def versions(self) -> str:
-        """What an episode replays with: the versions of its packages, the hashes of modules of one's own."""
+        """What an episode replays with: versions of packages, hashes of your own modules."""
         if self.is_in_place:
             return RECORDED
         sources = [f"{name} {hash[:12]}" for name, hash in self.sources.items()]
@@ -182,7 +198,7 @@ class Description(BaseModel):
 
     @property
     def sources(self) -> dict[str, str]:
-        """Top-level module that no package brings -> SHA-256 (hex) of its source."""
+        """Top-level module without a package -> SHA-256 (hex) of its source."""
         tops = sorted({re.split("[.:]", module)[0] for module in self._modules})
         return {top: hash for top in tops if (hash := source_hash(top))}
 
@@ -204,10 +220,10 @@ def canonical(value: Any) -> str:
 
 
 def spec_of(env_id: str) -> EnvSpec:
-    """Return Gymnasium's description of an environment that is registered, or named as MODULE:NAME.
+    """Gymnasium's own description of an environment: a registered one, or MODULE:NAME.
 
     Raises:
-        ValueError: There is none; the text says what was looked for and the way out.
+        ValueError: If there is none; the text says how to name one.
     """
     module_name, _, name = env_id.rpartition(":")
     if module_name == held.SCHEME:
@@ -238,6 +254,8 @@ def spec_of(env_id: str) -> EnvSpec:
         member
     ):
         return EnvSpec(name, f"{module_name}:{name}")
+    if isinstance(member, type) and (reason := refusal_of(member)):
+        raise ValueError(reason)
     try:
         return gymnasium.spec(name)  # it may be there under another version, which its error names
     except (gymnasium.error.Error, ImportError) as error:
@@ -248,7 +266,7 @@ def spec_of(env_id: str) -> EnvSpec:
 
 
 def _named(spec: EnvSpec) -> EnvSpec:
-    """Name a class or function that was registered itself, so that the description can be written down."""
+    """Name the class or function that makes an environment, so that JSON can hold it."""
     entry = spec.entry_point
     name = getattr(entry, "__qualname__", "")
     if isinstance(entry, str) or not name.isidentifier():
@@ -268,7 +286,7 @@ def _absent(env_id: str, module_name: str, error: ModuleNotFoundError) -> str:
 
 
 def _creator_of(spec: EnvSpec) -> Callable[..., object]:
-    """Return the class or function that makes an environment."""
+    """The class or function that makes an environment."""
     entry = spec.entry_point
     creator = load_env_creator(entry) if isinstance(entry, str) else entry
     if not callable(creator):
@@ -276,8 +294,19 @@ def _creator_of(spec: EnvSpec) -> Callable[..., object]:
     return creator
 
 
+def _refusal_of_made(spec: EnvSpec, arguments: Mapping[str, object]) -> str:
+    """Why what a function makes is no environment of Gymnasium's; empty if unknown."""
+    with suppress(Exception):  # whatever it raises
+        env = _creator_of(spec)(**{**spec.kwargs, **arguments})
+        if callable(close := getattr(env, "close", None)):
+            with suppress(Exception):
+                close()  # or its processes would outlive the refusal
+        return refusal_of(type(env))
+    return ""
+
+
 def _takes(creator: Callable[..., object], name: str) -> bool:
-    """Whether something that is called takes an argument of a name."""
+    """Whether a class or function takes an argument of a name."""
     try:
         parameters = inspect.signature(creator).parameters.values()
     except (TypeError, ValueError):  # of what is compiled nothing is known
@@ -286,27 +315,34 @@ def _takes(creator: Callable[..., object], name: str) -> bool:
 
 
 @lru_cache(maxsize=64)
-def described(told: str) -> Description:
-    """Return a description as it was told, without what the catalogue knows; ValueError where it is none."""
-    said = json.loads(told) if told.startswith("{") else {"id": told}
+def described(text: str) -> Description:
+    """The description of an id or a JSON text, without the catalogue's fields.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    fields = json.loads(text) if text.startswith("{") else {"id": text}
     try:
-        return Description.model_validate(said)
+        return Description.model_validate(fields)
     except ValidationError as error:
         raise ValueError(_first(error)) from error
 
 
-def completed(given: Description) -> Description:
-    """Return a description with what the catalogue knows of its environment where it says nothing."""
-    known: dict[str, Any] = {}
-    for beginning, fields in sorted(CATALOGUE["known"].items()):  # the shortest first
-        known |= fields if given.id.startswith(beginning) else {}
-    if given.kwargs or given.wrappers:  # they may change what is seen
-        known = {name: value for name, value in known.items() if not name.endswith("_see")}
-    if given.wrappers:  # or the reward
-        known.pop("bounds", None)
-    if "actions" in given.model_fields_set or "keys" in given.model_fields_set:
-        known = {name: value for name, value in known.items() if name != "keys"}
-    return Description.model_validate({**known, **given.model_dump(exclude_unset=True)})
+def completed(description: Description) -> Description:
+    """A description with the catalogue's fields where it says nothing."""
+    fields: dict[str, Any] = {}
+    # the shortest beginning first: a longer one says more of the environment
+    for beginning, catalogued in sorted(CATALOGUE["known"].items()):
+        if description.id.startswith(beginning):
+            fields |= catalogued
+    # arguments and wrappers may change what is seen, and wrappers the reward
+    if description.kwargs or description.wrappers:
+        fields = {name: text for name, text in fields.items() if not name.endswith("_see")}
+    if description.wrappers:
+        fields.pop("bounds", None)
+    if {"actions", "keys"} & description.model_fields_set:
+        fields.pop("keys", None)
+    return Description.model_validate({**fields, **description.model_dump(exclude_unset=True)})
 
 
 def description_of(env: str) -> str:
@@ -335,7 +371,7 @@ def description_of(env: str) -> str:
 
 
 def _only_environment(module_name: str, path: str) -> str:
-    """Return the name of the environment that a file defines; ValueError unless there is exactly one."""
+    """The name of a file's one environment; ValueError if it defines none or several."""
     try:
         members = vars(imported(module_name))
     except ImportError as error:
@@ -356,7 +392,12 @@ def _only_environment(module_name: str, path: str) -> str:
 
 
 def read_description(path: Path) -> Description:
-    """Return the description in a TOML file; ValueError with the line of what is wrong, OSError where it cannot be read."""
+    """The description in a TOML file.
+
+    Raises:
+        ValueError: If something in it is wrong; the text names the line.
+        OSError: If it cannot be read.
+    """
     text = path.read_text("utf-8")
     try:
         return Description.model_validate(tomllib.loads(text))
@@ -364,9 +405,9 @@ def read_description(path: Path) -> Description:
         raise ValueError(f"{path}: {error}") from error
     except ValidationError as error:
         field = str(error.errors()[0]["loc"][0]) if error.errors()[0]["loc"] else ""
-        found = re.search(rf"^\[?{field}\b", text, re.M) if field else None
-        where = f"{path}, line {text.count(chr(10), 0, found.start()) + 1}" if found else path
-        raise ValueError(f"{where}: {_first(error)}") from error
+        match = re.search(rf"^\[?{field}\b", text, re.M) if field else None
+        line = f", line {text.count(chr(10), 0, match.start()) + 1}" if match else ""
+        raise ValueError(f"{path}{line}: {_first(error)}") from error
 
 
 def _first(error: ValidationError) -> str:
@@ -374,76 +415,98 @@ def _first(error: ValidationError) -> str:
     field = ".".join(map(str, first["loc"]))
     if first["type"] == "extra_forbidden":
         return f"there is no field {field!r}; the fields are {', '.join(Description.model_fields)}"
-    said = first["msg"].removeprefix("Value error, ")
-    return f"{field}: {said}" + ("" if first["type"] == "missing" else f", got {first['input']!r}")
+    message = f"{field}: {first['msg'].removeprefix('Value error, ')}"
+    return message if first["type"] == "missing" else f"{message}, got {first['input']!r}"
 
 
-def actions_of(described: Description, env: Any) -> tuple[str, ...]:
-    """Return the names of the actions of an environment, by their codes; ValueError where they are not discrete.
+def actions_of(description: Description, env: Any) -> tuple[str, ...]:
+    """The names of an environment's actions, by their codes.
 
-    They come from the description, else from `get_action_meanings` or an enumeration `actions`, else from the numbers of
-    the environment's own actions.
+    They come from the description, else from `get_action_meanings` or an enumeration `actions`, else
+    from the numbers of the environment's own actions.
+
+    Raises:
+        ValueError: If the actions are not discrete.
     """
-    inner, codes = env.unwrapped, ActionCodes(described.id, env.action_space)
+    inner, codes = env.unwrapped, ActionCodes(description.id, env.action_space)
     count = codes.count
-    named: Iterable[Any] = described.actions
-    if not described.actions:
+    named: Iterable[Any] = description.actions
+    if not description.actions:
         meanings = getattr(inner, "get_action_meanings", None)
         named = meanings() if meanings is not None else getattr(inner, "actions", ())
     try:
-        names = [re.sub(r"\W+", "_", str(getattr(each, "name", each))).lower() for each in named]
+        names = [re.sub(r"\W+", "_", str(getattr(name, "name", name))).lower() for name in named]
     except TypeError:
         names = []
-    if described.actions and len(names) != count:
-        raise ValueError(f"actions: {described.id} has {count}, got {len(names)} names")
+    if description.actions and len(names) != count:
+        raise ValueError(f"actions: {description.id} has {count}, got {len(names)} names")
     return tuple(names) if len(set(names)) == len(names) == count else codes.names()
 
 
-def keys_of(described: Description, env: Any, names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Return the keys (`event.code`) of each action, none for one that cannot be chosen; ValueError where no action has one.
+def keys_of(
+    description: Description, env: Any, names: tuple[str, ...]
+) -> dict[str, tuple[str, ...]]:
+    """Action -> its keys (`event.code`); none for an action that cannot be chosen.
 
-    They come from the description, else from `get_keys_to_action`, else from the words of the names, else they are digits.
+    They come from the description. Else they follow from the words of the names, then from
+    `get_keys_to_action`; the rest are digits and letters.
+
+    Raises:
+        ValueError: If no action has a key, or the description names an unknown action.
     """
-    found: dict[str, list[str]] = {name: [] for name in names}
-    for code, wanted in described.keys.items():
-        is_code = isinstance(wanted, int) and 0 <= wanted < len(names)
-        name = names[cast("int", wanted)] if is_code else str(wanted)
-        if name not in found:
-            said = f"keys: {code} = {wanted!r} is no action of {described.id}"
-            raise ValueError(f"{said}: {', '.join(names)}")
-        found[name].append(code)
-    if not described.keys:
-        words = {each: codes for said, codes in CATALOGUE["words"].items() for each in said.split()}
-        taken = set[str]()
-        for name in names:
-            whole = [codes for word, codes in words.items() if word in name.split("_")]
-            parts = [codes for word, codes in words.items() if word in name and len(word) > 2]
-            fits = next(iter(whole + parts), ())
-            found[name] = [code for code in fits if code not in taken]
-            taken.update(found[name])
-        for code, action in _own_keys(env.unwrapped):
-            if action < len(names) and not found[names[action]] and code not in taken:
-                found[names[action]].append(code)
-                taken.add(code)
-        free = [f"Digit{each}" for each in "1234567890"]
-        free += [f"Key{letter}" for letter in "QERTYUFGHJKLZXCVBM"]
-        for name in names if len(names) <= len(free) else ():
-            if not found[name]:
-                own = [f"Digit{name}"] if name in {*"0123456789"} else []
-                codes = [each for each in (*own, *free) if each not in taken and each in KEY_CODES]
-                found[name] = codes[:1]
-                taken.update(found[name])
-    if not any(found.values()):
+    keys: dict[str, list[str]] = {name: [] for name in names}
+    for code, action in description.keys.items():
+        is_code = isinstance(action, int) and 0 <= action < len(names)
+        name = names[cast("int", action)] if is_code else str(action)
+        if name not in keys:
+            raise ValueError(
+                f"keys: {code} = {action!r} is no action of {description.id}: {', '.join(names)}"
+            )
+        keys[name].append(code)
+    if not description.keys:
+        _add_keys(keys, env)
+    if not any(keys.values()):
         raise ValueError(
-            f"no key is known for the {len(names)} actions of {described.id}; name them in its file, such as "
+            f"no key is known for the {len(names)} actions of {description.id}; name them in its file, such as "
             "keys = { ArrowLeft = 0, ArrowRight = 1 }"
         )
-    return {name: tuple(codes) for name, codes in found.items()}
+    return {name: tuple(codes) for name, codes in keys.items()}
+
+
+def _add_keys(keys: dict[str, list[str]], env: Any) -> None:
+    """Add keys to actions without a key, each key to one action."""
+    taken = set[str]()
+
+    def take(name: str, codes: Iterable[str]) -> None:
+        keys[name] = [code for code in codes if code not in taken]
+        taken.update(keys[name])
+
+    # 1. by a whole word of the name, or by a part of one
+    key_words = {
+        word: codes for words, codes in CATALOGUE["words"].items() for word in words.split()
+    }
+    for name in keys:
+        whole = [codes for word, codes in key_words.items() if word in name.split("_")]
+        parts = [codes for word, codes in key_words.items() if word in name and len(word) > 2]
+        take(name, next(iter(whole + parts), ()))
+    # 2. as the environment has them
+    names = list(keys)
+    for code, action in _own_keys(env.unwrapped):
+        if action < len(names) and not keys[names[action]] and code not in taken:
+            take(names[action], [code])
+    # 3. a digit or a letter: its own digit for an action that is called by one
+    free = [f"Digit{digit}" for digit in "1234567890"]
+    free += [f"Key{letter}" for letter in "QERTYUFGHJKLZXCVBM"]
+    for name in names if len(names) <= len(free) else ():
+        if not keys[name]:
+            digit = [f"Digit{name}"] if name in {*"0123456789"} else []
+            codes = [code for code in (*digit, *free) if code not in taken and code in KEY_CODES]
+            take(name, codes[:1])
 
 
 def _own_keys(inner: Any) -> list[tuple[str, int]]:
-    """Return the single keys of `get_keys_to_action`, as codes of browsers."""
-    found = []
+    """The single keys of `get_keys_to_action`, as (`event.code`, action)."""
+    own_keys = []
     for keys, action in getattr(inner, "get_keys_to_action", dict)().items():
         held = [keys] if isinstance(keys, str | int) else list(keys)
         if len(held) == 1 and isinstance(action, int):
@@ -452,5 +515,5 @@ def _own_keys(inner: Any) -> list[tuple[str, int]]:
             plain = f"Key{letter}" if letter.isalpha() else f"Digit{letter}"
             code = SPECIAL.get(cast("int", key), plain)
             if code in KEY_CODES:
-                found.append((code, action))
-    return found
+                own_keys.append((code, action))
+    return own_keys

@@ -1,85 +1,78 @@
-"""Whether an environment follows from its seed and its actions: the same episodes in fresh processes, compared step by step.
+"""Whether an environment follows from its seed and its actions.
 
-`python -m humanplay.tasks.gymnasium.doctor` plays what a JSON request on stdin asks for. It prints a JSON
-line for each episode.
+Fresh processes play the same episodes under different circumstances (`hashed_episodes`). Their hashes
+are compared step by step with those of the first run.
 """
 
 from __future__ import annotations
 
-import hashlib
-import io
 import json
 import math
 import os
-import random
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from typing import Any
-
-import numpy as np
 
 from humanplay.task import counted
 from humanplay.task.registration import environment_of
-from humanplay.tasks.gymnasium.codes import ActionCodes, Mask
-from humanplay.tasks.gymnasium.configuration import own_config
-from humanplay.tasks.gymnasium.description import Description, described
-from humanplay.tasks.gymnasium.pictures import pixels_of
-from humanplay.tasks.gymnasium.proposals import Proposals, proposals_of
-from humanplay.tasks.gymnasium.values import bytes_of, finite, reward_of
-from humanplay.tasks.policies import Choose, chooser
+from humanplay.tasks.gymnasium import hashed_episodes
+from humanplay.tasks.gymnasium.description import described
+from humanplay.tasks.gymnasium.hashed_episodes import (
+    AFTER_OTHERS,
+    FIRST_RUN,
+    LINE_MARK,
+    PARTS,
+    PROPOSALS,
+    SEEDED_GLOBALS,
+    SEEDS_APART,
+    USED,
+    WITHOUT_RENDERING,
+    HashedEpisode,
+    Request,
+)
+from humanplay.tasks.gymnasium.proposals import Proposals
 from humanplay.tasks.processes import variables as fixed_variables
 
 Progress = Callable[[int, int], None]
+Variables = Mapping[str, str]
 
-PARTS = ("action", "observation", "reward", "end", "allowed actions", "picture")
-"""What is compared at each step, in this order. Actions differ only where a rule does."""
-GLOBAL = "random numbers of Python or numpy that the seed of reset does not reach"
+FRESH_PROCESS, HASH_SEED, ELSEWHERE = "fresh process", "hash seed", "elsewhere"
+UNSEEDED = "random numbers of Python or numpy that the seed of reset does not reach"
 CAUSES: Mapping[str, str] = {
-    "fresh process": f"{GLOBAL}, the clock, sets of objects ordered by address, files on disk",
-    "hash seed": "sets of strings, iterated in the order of their hashes",
-    "elsewhere": "the clock, the time zone, files of the working folder",
-    "after other episodes": "a counter kept on the class, a state of the module, a cache",
-    "without rendering": "a render that draws random numbers or changes the state",
-    "used environment": "a state that reset leaves as it was",
+    FRESH_PROCESS: f"{UNSEEDED}, the clock, sets of objects ordered by address, files on disk",
+    HASH_SEED: "sets of strings, iterated in the order of their hashes",
+    ELSEWHERE: "the clock, the time zone, files of the working folder",
+    AFTER_OTHERS: "a counter kept on the class, a state of the module, a cache",
+    WITHOUT_RENDERING: "a render that draws random numbers or changes the state",
+    USED: "a state that reset leaves as it was",
 }
-"""Variant -> the usual causes of a difference from the first run, in the order in which a difference is blamed on one."""
-FIRST = "first"
-"""The variant that the others are compared with."""
-GLOBALS = "seeded globals"
-"""The variant that tells causes apart: random numbers of Python and numpy are seeded before each episode."""
-PROPOSALS = "proposals"
-"""The request for what its file may say; nothing is compared."""
-TOLERATED = "used environment"
-"""The variant that does not count: the playground makes a fresh environment for each episode."""
-ENVIRON = {"TZ": "AAA0"}
-RUNS: Mapping[str, Sequence[Mapping[str, str]]] = {name: [{}] for name in CAUSES} | {
+"""Variant -> the usual causes of a difference. The first variant that differs is named first."""
+RUNS: Mapping[str, Sequence[Variables]] = {variant: [{}] for variant in CAUSES} | {
     # two short sets have the same order by chance under half of all pairs of seeds
-    "hash seed": [{"PYTHONHASHSEED": seed} for seed in ("77", "1", "2", "3")],
-    "elsewhere": [{"TZ": "BBB-14"}],
+    HASH_SEED: [{"PYTHONHASHSEED": seed} for seed in ("77", "1", "2", "3")],
+    ELSEWHERE: [{"TZ": "BBB-14"}],
 }
-"""Variant -> the variables of each of its runs."""
-PROBED = 20
-"""Moves by which the examination's time is estimated; each seed has at least so many."""
-SEEDS_APART = 10_000
-"""Between the first episodes of two seeds: the episodes after a first one have the seeds between."""
-STICKY = 0.75
+"""Variant -> the environment variables of each of its runs."""
+USUAL_VARIABLES = {"TZ": "AAA0"}
+PROBE_STEPS = 20
+"""Moves by which the time is estimated. Each seed is played for at least so many."""
 TIMEOUT_S = 1800.0
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a variant first differs from the first run.
+    """The first difference between a variant and the first run.
 
-    seed   of the episode: what its reset was given
-    step   0 is what reset returned
-    part   one of PARTS
-    cause  the likely one, if further runs told it from the others; else empty
+    Attributes:
+        seed: What `reset` of the episode was called with.
+        step: 0 is what `reset` returned.
+        part: One of PARTS.
+        cause: The likely cause, if further runs found it; else empty.
     """
 
     variant: str
@@ -89,21 +82,25 @@ class Difference:
     cause: str = ""
 
     def __str__(self) -> str:
-        where = f"seed {self.seed}, step {self.step} ({self.variant})"
-        causes = f"usual causes: {CAUSES[self.variant]}"
-        return f"{self.part} differs at {where}; {self.cause or causes}"
+        cause = self.cause or f"usual causes: {CAUSES[self.variant]}"
+        return (
+            f"{self.part} differs at seed {self.seed}, step {self.step} ({self.variant}); {cause}"
+        )
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What was found.
+    """What an examination found.
 
-    steps         moves that were compared under each variant, of all seeds
-    differences   the first difference of each variant that has one and counts
-    used          that of a used environment after reset, which does not count
-    step_ms       median processor time of a step; picture_ms that of a picture
-    picture       its rows and columns, in pixels, of text in characters; picture_bytes the median size of its PNG, 0 for text
-    keys          action -> its keys
+    Attributes:
+        steps: Moves of all seeds, compared under each variant.
+        differences: The first difference of each variant that has one.
+        used: That of a used environment, which is no fault: the playground makes a fresh
+            environment for each episode.
+        step_ms, picture_ms: Median processor time of a step, and of a picture.
+        picture: Its rows and columns: in pixels, or in characters of a text.
+        picture_bytes: Median size of the picture as PNG; 0 for text.
+        keys: Action -> its keys.
     """
 
     task: str
@@ -118,14 +115,14 @@ class Examination:
 
     @property
     def verdict(self) -> str:
-        """Return the verdict in a sentence."""
+        """The verdict in a sentence."""
         title = environment_of(self.task).about.title
         if self.differences:
             return f"{title} does not follow from seed and actions: {self.differences[0]}"
         return f"{title}: no difference in {counted(self.steps, 'step')}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON values."""
+    def to_dict(self) -> dict[str, object]:
+        """The fields and the verdict, as JSON holds them."""
         return {"verdict": self.verdict, "exact": not self.differences, **asdict(self)}
 
 
@@ -133,294 +130,228 @@ def examine(
     task: str,
     seeds: int = 5,
     steps: int = 2000,
-    progress: Progress | None = None,
+    progress: Progress = lambda done, total: None,
     *,
-    config: Mapping[str, Any] | None = None,
+    config: Mapping[str, object] | None = None,
     rule: str | None = None,
     limit_s: float | None = None,
     shortened: Callable[[float, int], object] = lambda seconds, steps: None,
 ) -> Examination:
-    """Play the same episodes in ten processes and compare hashes; ValueError for what cannot be made, played or drawn.
+    """Play the same episodes in ten processes and compare them.
 
-    steps     moves for each seed; where an episode of seed n ends, the next begins on n + 1
-    progress  called with (processes done, of how many)
-    config    what `GymnasiumEnvironment.configuration` takes
-    rule      module:function, which returns an action for an observation; uniform and sticky actions take turns with it
-    limit_s   seconds from which fewer moves are played, `PROBED` for each seed at least
-    shortened  called then with the seconds that the whole would take, and the moves for each seed
+    Args:
+        seeds: How many starts are played. Start k plays its episodes on the seeds from 10,000 k on.
+        steps: Moves of each start.
+        progress: Called with the processes that are done, and their number.
+        config: What `GymnasiumEnvironment.configuration` takes.
+        rule: MODULE:FUNCTION that returns an action for an observation. It takes turns with
+            uniform and sticky random actions.
+        limit_s: If all would take more seconds, fewer moves are played: at least `PROBE_STEPS`.
+        shortened: Called then with the seconds that all would take, and the moves for each start.
+
+    Raises:
+        ValueError: If the environment cannot be made, played or drawn.
     """
     environment = environment_of(task)
     settings = environment.configuration(config or {}).to_dict()
-    advance = progress or (lambda done, total: None)
-    runs = [(variant, variables) for variant in CAUSES for variables in RUNS[variant]]
-    total, workers = len(runs) + 1, max(1, min(4, os.cpu_count() or 1))
-    request = {"task": task, "config": settings, "seeds": seeds, "rule": rule, "steps": steps}
-    with tempfile.TemporaryDirectory() as here, tempfile.TemporaryDirectory() as there:
-        if limit_s is not None and steps > PROBED:
-            # the first run, the others side by side, and those that look for a cause
-            turns = 1 + math.ceil((total - 1) / workers) + 4 / min(2, workers)
-            fixed_s, step_s = _probed({**request, "variant": FIRST}, here)
-            whole_s = turns * (fixed_s + step_s * steps)
-            if whole_s > limit_s:
-                steps = min(steps, max(PROBED, int((limit_s / turns - fixed_s) / step_s)))
-                request["steps"] = steps
-                shortened(whole_s, steps)
-        first = _play({**request, "variant": FIRST}, here, {})
-        advance(1, total)
-
-        def compare(run: tuple[str, Mapping[str, str]]) -> Difference | None:
-            variant, variables = run
-            folder = there if variant == "elsewhere" else here
-            return _difference(
-                variant, first, _play({**request, "variant": variant}, folder, variables)
-            )
-
-        with ThreadPoolExecutor(workers) as threads:
-            differences = []
-            for done, difference in enumerate(threads.map(compare, runs), 2):
-                differences.append(difference)
-                advance(done, total)
-        first_of = {it.variant: it for it in reversed(differences) if it is not None}
-        if "fresh process" in first_of:
-            cause = _cause_of(first_of["fresh process"], request, here)
-            first_of["fresh process"] = replace(first_of["fresh process"], cause=cause)
-    costs = [episode["costs"] for episode in first]
-    rows, columns = first[0]["picture"]
+    request = Request(task, FIRST_RUN, settings, seeds, steps, rule)
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as other_folder:
+        if limit_s is not None:
+            request = _within_limit(request, limit_s, folder, shortened)
+        first_run = _play(request, folder, {})
+        differences = _differences(first_run, request, folder, other_folder, progress)
+        if fresh := differences.get(FRESH_PROCESS):
+            cause = _likely_cause(fresh, request, folder)
+            differences[FRESH_PROCESS] = replace(fresh, cause=cause)
+    rows, columns = first_run[0].picture or (0, 0)
     return Examination(
-        task, sum(len(episode["hashes"]) - 1 for episode in first),
-        tuple(first_of[name] for name in CAUSES if name in first_of and name != TOLERATED),
-        first_of.get(TOLERATED),
-        _median(ms for each in costs for ms in each["step"]),
-        _median(ms for each in costs for ms in each["picture"]),
-        (rows, columns), int(_median(size for each in costs for size in each["bytes"])), environment.keys,
-    )  # fmt: skip
+        task=task,
+        steps=sum(len(episode.hashes) - 1 for episode in first_run),
+        differences=tuple(
+            differences[variant] for variant in CAUSES if variant in differences and variant != USED
+        ),
+        used=differences.get(USED),
+        step_ms=_median(ms for episode in first_run for ms in episode.step_ms),
+        picture_ms=_median(ms for episode in first_run for ms in episode.picture_ms),
+        picture=(rows, columns),
+        picture_bytes=int(_median(size for episode in first_run for size in episode.picture_bytes)),
+        keys=environment.keys,
+    )
 
 
-def _probed(request: Mapping[str, Any], folder: str) -> tuple[float, float]:
-    """Seconds of a run beside its moves, and of one move of every seed.
+def proposals(task: str) -> Proposals:
+    """What a file may say of an environment where it says nothing yet."""
+    with tempfile.TemporaryDirectory() as folder:
+        (line,) = _lines(Request(task, PROPOSALS), folder, {})
+    fields: Proposals = json.loads(line)
+    return fields
 
-    They are measured over `PROBED` moves. A move has its share of the beginnings of episodes, as many as ended by themselves.
+
+def _workers() -> int:
+    return max(1, min(4, os.cpu_count() or 1))
+
+
+def _within_limit(
+    request: Request, limit_s: float, folder: str, shortened: Callable[[float, int], object]
+) -> Request:
+    """The request, with fewer moves if it would take longer than the limit."""
+    if request.steps <= PROBE_STEPS:
+        return request
+    runs = sum(map(len, RUNS.values()))
+    # the first run, the others side by side, and those that look for a cause
+    rounds = 1 + math.ceil(runs / _workers()) + 4 / min(2, _workers())
+    fixed_s, move_s = _estimated_seconds(request, folder)
+    whole_s = rounds * (fixed_s + move_s * request.steps)
+    if whole_s <= limit_s:
+        return request
+    affordable = int((limit_s / rounds - fixed_s) / move_s)
+    steps = min(request.steps, max(PROBE_STEPS, affordable))
+    shortened(whole_s, steps)
+    return replace(request, steps=steps)
+
+
+def _estimated_seconds(request: Request, folder: str) -> tuple[float, float]:
+    """Estimate the seconds of a run from a short one.
+
+    Returns:
+        The fixed seconds of a run, and the seconds that one more move of every seed adds. Episodes
+        that ended by themselves add their restarts to the moves.
     """
-    began = time.perf_counter()
-    episodes = _play({**request, "seeds": 1, "steps": PROBED}, folder, {})
-    whole_s = time.perf_counter() - began
-    begin_s = statistics.median(episode["seconds"][0] for episode in episodes)
-    moves_s = sum(episode["seconds"][1] for episode in episodes)
-    ended = sum(episode["ended"] for episode in episodes)
-    start_s = whole_s - moves_s - len(episodes) * begin_s
-    step_s = (moves_s + ended * begin_s) / PROBED
-    return start_s + request["seeds"] * begin_s, request["seeds"] * step_s
+    started_s = time.perf_counter()
+    episodes = _play(replace(request, seeds=1, steps=PROBE_STEPS), folder, {})
+    whole_s = time.perf_counter() - started_s
+    restart_s = statistics.median(episode.restart_s for episode in episodes)
+    moves_s = sum(episode.moves_s for episode in episodes)
+    ended = sum(episode.ended for episode in episodes)
+    process_s = whole_s - moves_s - len(episodes) * restart_s
+    move_s = (moves_s + ended * restart_s) / PROBE_STEPS
+    return process_s + request.seeds * restart_s, request.seeds * move_s
 
 
-def _cause_of(difference: Difference, request: Mapping[str, object], folder: str) -> str:
-    """The likely cause of a difference, by what mends it; empty if nothing does."""
-    brief = {**request, "seeds": difference.seed // SEEDS_APART + 1}
+def _differences(
+    first_run: Sequence[HashedEpisode],
+    request: Request,
+    folder: str,
+    other_folder: str,
+    progress: Progress,
+) -> dict[str, Difference]:
+    """Variant -> its first difference from the first run, of those that differ.
 
-    def is_mended(**changes: object) -> bool:
+    Args:
+        other_folder: Where the variant that is played elsewhere is played.
+    """
+    runs = [(variant, variables) for variant in CAUSES for variables in RUNS[variant]]
+    progress(1, len(runs) + 1)
+
+    def compare(run: tuple[str, Variables]) -> Difference | None:
+        variant, variables = run
+        run_folder = other_folder if variant == ELSEWHERE else folder
+        episodes = _play(replace(request, variant=variant), run_folder, variables)
+        return _first_difference(variant, first_run, episodes)
+
+    differences: dict[str, Difference] = {}
+    with ThreadPoolExecutor(_workers()) as threads:
+        for done, difference in enumerate(threads.map(compare, runs), 2):
+            if difference is not None:
+                differences.setdefault(difference.variant, difference)
+            progress(done, len(runs) + 1)
+    return differences
+
+
+def _first_difference(
+    variant: str, first_run: Sequence[HashedEpisode], episodes: Sequence[HashedEpisode]
+) -> Difference | None:
+    """Where a variant's episodes first differ, in the order of the first run."""
+    # many short episodes reach the seeds of the next start, which chooses other actions
+    others = {(episode.first_seed, episode.seed): episode.hashes for episode in episodes}
+    for episode in first_run:
+        other = others.get((episode.first_seed, episode.seed), [])
+        for step, step_hashes in enumerate(episode.hashes):
+            if step >= len(other):
+                return Difference(variant, episode.seed, step, "end")
+            for part, hash, other_hash in zip(PARTS, step_hashes, other[step], strict=True):
+                # a picture that one of them did not draw is not compared
+                if hash != other_hash and None not in (hash, other_hash):
+                    return Difference(variant, episode.seed, step, part)
+    return None
+
+
+def _likely_cause(difference: Difference, request: Request, folder: str) -> str:
+    """The likely cause of a difference, by what removes it; empty if nothing does."""
+    up_to_difference = replace(request, seeds=difference.seed // SEEDS_APART + 1)
+
+    def is_removed(changed: Request) -> bool:
         try:
-            with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as threads:
-                asked = {**brief, **changes}
-                one, two = threads.map(lambda _: _play(asked, folder, {}), range(2))
+            with ThreadPoolExecutor(min(2, _workers())) as threads:
+                run, other_run = threads.map(lambda _: _play(changed, folder, {}), range(2))
         except ValueError:  # it takes no such argument
             return False
-        return _difference("fresh process", one, two) is None
+        return _first_difference(FRESH_PROCESS, run, other_run) is None
 
-    description = described(str(request["task"]).partition(":")[2])
+    description = described(request.task.partition(":")[2])
     if description.seeding != "kwarg":
         by_keyword = description.model_copy(update={"seeding": "kwarg"})
-        if is_mended(task=f"gymnasium:{by_keyword.told}", variant=FIRST):
+        if is_removed(replace(up_to_difference, task=f"gymnasium:{by_keyword.told}")):
             return (
                 'it heeds the seed of `make` alone, not that of `reset`: write `seeding = "kwarg"` '
                 "into its file (`humanplay doctor ENV --toml`)"
             )
-    return f"likely cause: {GLOBAL}" if is_mended(variant=GLOBALS) else ""
+    seeded = replace(up_to_difference, variant=SEEDED_GLOBALS)
+    return f"likely cause: {UNSEEDED}" if is_removed(seeded) else ""
 
 
-def _median(values: Iterator[float]) -> float:
-    return round(statistics.median([*values] or [0.0]), 4)
+def _median(numbers: Iterable[float]) -> float:
+    return round(statistics.median([*numbers] or [0.0]), 4)
 
 
-def _play(
-    request: Mapping[str, Any], folder: str, variables: Mapping[str, str]
-) -> list[dict[str, Any]]:
-    """Return what a fresh process in a folder played; ValueError with what it says where it cannot."""
-    environ = {**fixed_variables(), **ENVIRON, **variables}
+def _play(request: Request, folder: str, variables: Variables) -> list[HashedEpisode]:
+    """Play a request in a fresh process; `_lines` says how."""
+    return [HashedEpisode(**json.loads(line)) for line in _lines(request, folder, variables)]
+
+
+def run_fresh(
+    request: str, environ: Mapping[str, str], folder: str
+) -> subprocess.CompletedProcess[str]:
+    """Run `hashed_episodes` in a fresh process, with a request as JSON.
+
+    Raises:
+        subprocess.TimeoutExpired: If it takes longer than `TIMEOUT_S`.
+    """
+    return subprocess.run(
+        [sys.executable, "-m", hashed_episodes.__name__],
+        input=request,
+        env=environ,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+
+
+def _lines(request: Request, folder: str, variables: Variables) -> list[str]:
+    """What a fresh process prints for a request.
+
+    Args:
+        folder: Where it works.
+        variables: Environment variables beside the usual ones.
+
+    Raises:
+        ValueError: If it fails; the text has the last line of its error.
+    """
+    environ = {**fixed_variables(), **USUAL_VARIABLES, **variables}
     if "HOME" in os.environ:
         environ["HOME"] = os.environ["HOME"]
-    command = [sys.executable, "-m", "humanplay.tasks.gymnasium.doctor"]
     try:
-        done = subprocess.run(
-            command, input=json.dumps(request), env=environ, cwd=folder, capture_output=True, text=True,
-            timeout=TIMEOUT_S, check=False,
-        )  # fmt: skip
+        process = run_fresh(json.dumps(asdict(request)), environ, folder)
     except subprocess.TimeoutExpired as error:
-        said = f"{request['task']} took over {TIMEOUT_S:.0f} s: ask for fewer steps"
-        raise ValueError(said) from error
-    if done.returncode:
-        said = (done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"])[-1]
-        said = f"{request['task']} cannot be examined: {said}"
-        raise ValueError(f"{said}; play it by its own package first")
-    lines = [line.removeprefix(MARK) for line in done.stdout.splitlines() if line.startswith(MARK)]
-    return [json.loads(line) for line in lines]
-
-
-def _difference(
-    variant: str, first: Sequence[Mapping[str, Any]], other: Sequence[Mapping[str, Any]]
-) -> Difference | None:
-    """Return where the episodes of a variant first differ, in the order of the first run."""
-    again = {each["seed"]: each["hashes"] for each in other}
-    for each in first:
-        theirs = again.get(each["seed"], [])
-        for step, mine in enumerate(each["hashes"]):
-            if step >= len(theirs):
-                return Difference(variant, each["seed"], step, "end")
-            for part, one, two in zip(PARTS, mine, theirs[step], strict=True):
-                if one != two and None not in (one, two):
-                    return Difference(variant, each["seed"], step, part)
-    return None
-
-
-def proposals(task: str) -> Proposals:
-    """What its file may say of an environment where it says nothing yet."""
-    with tempfile.TemporaryDirectory() as folder:
-        (fields,) = _play({"task": task, "variant": PROPOSALS}, folder, {})
-        return fields
-
-
-MARK = "doctor: "
-"""Begins the lines of the child; an environment may print others."""
-
-
-def _child(request: Mapping[str, Any]) -> None:
-    """Play a request's seeds and print each episode."""
-    environment, variant = environment_of(request["task"]), request["variant"]
-    config = own_config(environment.configuration(request.get("config", {})))
-    if variant == PROPOSALS:
-        print(MARK + json.dumps(proposals_of(config.description, config.make)), flush=True)
-        return
-    described = config.description
-    make, seeds = config.make, list(range(request["seeds"]))
-    used = make(0) if variant == TOLERATED else None
-    if variant == "after other episodes" or used is not None:
-        for seed in (10**8, 10**8 + 1):
-            env = used or make(seed)
-            codes = ActionCodes(config.level, env.action_space)
-            _episode(env, codes, seed, _chooser("uniform", seed, codes), 50, True, described)
-            if used is None:
-                env.close()
-        seeds.reverse()
-    choosers = ["uniform", "sticky", *([request["rule"]] if request["rule"] else [])]
-    for seed in seeds:
-        left, episode = request["steps"], 0
-        while episode == 0 or left > 0:
-            episode_seed = SEEDS_APART * seed + episode
-            began_s = time.perf_counter()
-            env = used or make(episode_seed)
-            codes = ActionCodes(config.level, env.action_space)
-            choose = _chooser(choosers[seed % len(choosers)], episode_seed, codes)
-            renders = variant != "without rendering"
-            if variant == GLOBALS:
-                random.seed(episode_seed)
-                np.random.seed(episode_seed)  # what an environment may draw from
-            is_first = variant == FIRST
-            played = _episode(env, codes, episode_seed, choose, left, renders, described, is_first)
-            if used is None:
-                env.close()
-            moves_s = played.pop("moves_s")
-            played["seconds"] = time.perf_counter() - began_s - moves_s, moves_s
-            print(MARK + json.dumps({"seed": episode_seed, **played}), flush=True)
-            left, episode = left - max(1, len(played["hashes"]) - 1), episode + 1
-
-
-def _chooser(name: str, seed: int, codes: ActionCodes) -> Choose:
-    """Return what chooses an episode's actions from those that are allowed, with random numbers of its own."""
-    if name not in ("uniform", "sticky"):
-        return chooser(name, seed, codes.of_own)
-    dice, last, repeated = random.Random(seed), [-1], STICKY if name == "sticky" else 0.0
-
-    def choose(observation: Any, mask: Mask) -> int:
-        if last[0] < 0 or not mask[last[0]] or dice.random() >= repeated:
-            last[0] = dice.choice(np.flatnonzero(mask).tolist())
-        return last[0]
-
-    return choose
-
-
-def _episode(
-    env: Any,
-    codes: ActionCodes,
-    seed: int,
-    choose: Choose,
-    steps: int,
-    renders: bool,
-    described: Description,
-    measures: bool = False,
-) -> dict[str, Any]:
-    """Return an episode of at most so many steps: the hashes of PARTS at each, what they cost, and the picture's size.
-
-    measures  also how large pictures are as PNG, which takes as long as drawing them
-
-    ValueError where a reward, or the score that `info` tells, is not finite.
-    """
-    costs: dict[str, list[float]] = {"step": [], "picture": [], "bytes": []}
-    hashes: list[list[str | None]] = []
-    shape: Sequence[int] = ()
-    (observation, info), action = described.begin(env, seed), -1
-    reward, ends, began = 0.0, (False, False), time.perf_counter()
-    while True:
-        picture = None
-        if renders:
-            begun = time.process_time()
-            drawn = env.render()
-            costs["picture"].append(1000 * (time.process_time() - begun))
-            if isinstance(drawn, str):
-                rows, picture = drawn.splitlines(), _digest(drawn.encode())
-                shape = (len(rows), max(map(len, rows), default=0))
-            else:
-                pixels = pixels_of(drawn)
-                picture, shape = _digest(pixels.data, repr(pixels.shape).encode()), pixels.shape[:2]
-                if measures and len(hashes) % 100 == 0:
-                    costs["bytes"].append(_png_size(pixels))
-        end = _digest(repr(ends).encode())
-        seen, paid = (
-            _digest(bytes_of(observation)),
-            _digest(repr(finite("reward", reward_of(described.id, reward))).encode()),
+        raise ValueError(
+            f"{request.task} took over {TIMEOUT_S:.0f} s: ask for fewer steps"
+        ) from error
+    if process.returncode:
+        errors = process.stderr.strip().splitlines() or [f"it ended with {process.returncode}"]
+        raise ValueError(
+            f"{request.task} cannot be examined: {errors[-1]}; play it by its own package first"
         )
-        ended = any(ends) or len(hashes) >= steps
-        mask = None if ended else codes.mask_of(env, observation, info)
-        allowed = "" if mask is None else _digest(bytes_of(mask))
-        hashes.append([str(action), seen, paid, end, allowed, picture])
-        if ended:
-            return {
-                "hashes": hashes,
-                "costs": costs,
-                "picture": shape,
-                "ended": any(ends),
-                "moves_s": time.perf_counter() - began,
-            }
-        action = choose(observation, np.ones(codes.count, bool) if mask is None else mask)
-        begun = time.process_time()
-        observation, reward, terminated, truncated, info = env.step(codes.own(action))
-        costs["step"].append(1000 * (time.process_time() - begun))
-        if described.score != "return":
-            finite(described.score, info.get(described.score[5:], 0.0))
-        ends = bool(terminated), bool(truncated)
-
-
-def _digest(content: bytes | memoryview, about: bytes = b"") -> str:
-    # processors have instructions for SHA-256, so that it takes half the time of a shorter hash
-    digest = hashlib.sha256(content)
-    digest.update(about)
-    return digest.hexdigest()[:12]
-
-
-def _png_size(pixels: Any) -> int:
-    from PIL import Image
-
-    out = io.BytesIO()
-    Image.fromarray(pixels).save(out, "PNG")
-    return out.tell()
-
-
-if __name__ == "__main__":
-    _child(json.load(sys.stdin))
+    lines = process.stdout.splitlines()
+    return [line.removeprefix(LINE_MARK) for line in lines if line.startswith(LINE_MARK)]

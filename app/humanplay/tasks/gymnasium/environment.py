@@ -1,6 +1,7 @@
-"""A Gymnasium environment's episodes: begun, stepped, replayed and shown as the environment's own picture.
+"""A Gymnasium environment as a task: what its stored episodes need.
 
-The environment is made by its id. It must have discrete actions, draw `rgb_array` and follow from its seed and its actions.
+It is made by its id. It must have discrete actions, draw a picture or a text, and follow from its
+seed and its actions.
 """
 
 from __future__ import annotations
@@ -91,9 +92,9 @@ class GymnasiumEnvironment(BaseEnvironment):
     boards: ClassVar[None] = None
     messages: ClassVar[Messages] = Messages(NewBoard, NewEpisode, Frame, History)
 
-    def __init__(self, told: str) -> None:
-        self.description = completed(described(told))
-        self.level, self._told = self.description.id, described(told).told
+    def __init__(self, text: str) -> None:
+        self.description = completed(described(text))
+        self.level, self._told = self.description.id, described(text).told
         spec_of(self.level)
         self.name = f"gymnasium:{self._told}"
 
@@ -109,7 +110,7 @@ class GymnasiumEnvironment(BaseEnvironment):
 
     @property
     def successes(self) -> frozenset[str]:
-        """The outcomes after which the moves count: successes, and where none is named, the ends that came by themselves."""
+        """The outcomes that are successes: without a rule for them, ends by itself."""
         return frozenset({"succeeded" if self.description.success else "ended"})
 
     @cached_property
@@ -120,60 +121,69 @@ class GymnasiumEnvironment(BaseEnvironment):
 
     @property
     def actions(self) -> tuple[str, ...]:
-        """The names of the actions, by their codes; ValueError where they are not discrete."""
+        """The names of the actions, by their codes; ValueError if they are not discrete."""
         return tuple(self.keys)
 
     @cached_property
     def keys(self) -> Mapping[str, tuple[str, ...]]:
-        """The default keys: each action's, none for one that cannot be chosen."""
+        """Action -> its default keys; none for one that cannot be chosen."""
         with closing(self.default.make(0)) as env:
             return keys_of(self.description, env, actions_of(self.description, env))
 
     @property
     def clock(self) -> int | None:
-        """Frames a second, None where each move is waited for."""
+        """Ticks a second; None if each move is waited for."""
         return None if self.description.clock == "turns" else self.description.clock
 
     @cached_property
     def noop(self) -> int | None:
-        """The action of a tick at which no key is held: `noop` of the description, else the one called so."""
+        """The action of a tick without a key: the description's `noop`, or one called so."""
         named = self.description.noop or "noop"
         return self.actions.index(named) if named in self.actions else None
 
     @cached_property
     def limit(self) -> int:
-        """Moves after which an episode times out: the description's, the environment's own, else a thousand."""
-        if said := self.description.max_steps or spec_of(self.level).max_episode_steps:
-            return int(said)
+        """Moves after which an episode times out.
+
+        The description's, else the environment's own, else DEFAULT_LIMIT.
+        """
+        if limit := self.description.max_steps or spec_of(self.level).max_episode_steps:
+            return int(limit)
         with closing(self.description.make(self.description.kwargs, MAX_LIMIT, 0)) as env:
-            own = getattr(env.unwrapped, "max_steps", None)
-        return own if isinstance(own, int) and 0 < own <= MAX_LIMIT else DEFAULT_LIMIT
+            limit = getattr(env.unwrapped, "max_steps", None)
+        return limit if isinstance(limit, int) and 0 < limit <= MAX_LIMIT else DEFAULT_LIMIT
 
     @property
     def default(self) -> GymnasiumConfig:
-        """What is played where nothing else is asked for."""
+        """The configuration that is played unless another is asked for."""
         return GymnasiumConfig(self._told, canonical(self.description.kwargs), self.limit)
 
     def configuration(self, values: Mapping[str, object]) -> GymnasiumConfig:
-        """Return the configuration of `level`, `kwargs` and `max_steps`; ValueError or TypeError where they are none."""
-        given = {"level": self.level, "kwargs": self.description.kwargs, **values}
-        level, kwargs, limit = (given.pop(name, None) for name in ("level", "kwargs", "max_steps"))
-        if given or level != self.level or not isinstance(kwargs, dict):
-            said = f"expected level {self.level!r}, kwargs and max_steps"
-            raise ValueError(f"{said}, got {canonical(dict(values))}")
+        """The configuration of `level`, `kwargs` and `max_steps`; none is required.
+
+        Raises:
+            ValueError, TypeError: If there is no such configuration.
+        """
+        fields = {"level": self.level, "kwargs": self.description.kwargs, **values}
+        level, kwargs, limit = (fields.pop(name, None) for name in ("level", "kwargs", "max_steps"))
+        if fields or level != self.level or not isinstance(kwargs, dict):
+            raise ValueError(
+                f"expected level {self.level!r}, kwargs and max_steps, got {canonical(dict(values))}"
+            )
         limit = limit if "max_steps" in values else self.limit
         if not isinstance(limit, int) or not 0 < limit <= MAX_LIMIT:
-            said = f"max_steps must be a whole number from 1 to {MAX_LIMIT}"
-            raise ValueError(f"{said}, got {limit!r}")
+            raise ValueError(
+                f"max_steps must be a whole number from 1 to {MAX_LIMIT}, got {limit!r}"
+            )
         return GymnasiumConfig(self._told, canonical(kwargs), limit)
 
     def gymnasium_env(self, config: Configuration) -> gymnasium.Env[object, object]:
-        """Return a new environment."""
+        """A new environment."""
         return own_config(config).make()
 
     @cached_property
     def _codes(self) -> ActionCodes:
-        """By which its actions are called."""
+        """The codes of its actions."""
         with closing(self.default.make(0)) as env:
             return ActionCodes(self.level, env.action_space)
 
@@ -188,7 +198,7 @@ class GymnasiumEnvironment(BaseEnvironment):
         return self._codes.of_own(action)
 
     def returns(self, config: Configuration) -> tuple[float, float] | None:
-        """Return the bounds of the score, where both are known and it is the return; else None."""
+        """The bounds of the score if it is the return and both are known; else None."""
         (low, high), score = self.description.bounds, self.description.score
         return None if low is None or high is None or score != "return" else (low, high)
 
@@ -199,7 +209,7 @@ class GymnasiumEnvironment(BaseEnvironment):
 
     @cached_property
     def policies(self) -> Policies:
-        """Random actions, and policies of functions and files, each in a process of its own."""
+        """Random actions, functions and files, each in a process of its own."""
         return ProcessPolicies(self.name, POLICIES)
 
     @cached_property
@@ -208,7 +218,7 @@ class GymnasiumEnvironment(BaseEnvironment):
         return about(self.description, self.metrics[0].name)
 
     def texts(self, config: Configuration) -> Texts:
-        """What they say of a configuration."""
+        """What pages, reports and studies say of a configuration."""
         return texts_of(own_config(config), self.about)
 
     @cached_property
@@ -217,15 +227,19 @@ class GymnasiumEnvironment(BaseEnvironment):
         return GymnasiumLock(self.name, self.description)
 
     def check_study(self, config: Configuration) -> None:
-        """Raise ValueError where the environment cannot be made."""
+        """Raise ValueError if the environment cannot be made."""
         own_config(config).make().close()
 
     def prepare(self) -> None:
-        """Start the process where it steps; ValueError where it cannot be played, or what it needs is not installed."""
+        """Start the process in which it steps.
+
+        Raises:
+            ValueError: If it cannot be played, or something it needs is not installed.
+        """
         self._boards.preparer.guards()
 
     def run(self, config: Configuration, seed: int, actions: bytes = b"") -> GymnasiumRun:
-        """Return a run after some actions, in a process of its own."""
+        """A run after some actions, in a process of its own."""
         return BoardRun(self._boards, own_config(config), seed, actions, is_live=False)
 
     def observations(self, record: Record) -> Sequence[object]:
@@ -258,7 +272,7 @@ class InPlaceEnvironment(GymnasiumEnvironment):
         return self.description.max_steps or DEFAULT_LIMIT
 
     def gymnasium_env(self, config: Configuration) -> gymnasium.Env[object, object]:
-        """Return its spaces."""
+        """Its spaces: nothing can step it."""
         return GoneEnvironment(self.level)
 
     @cached_property
@@ -283,7 +297,7 @@ class InPlaceEnvironment(GymnasiumEnvironment):
         """Do nothing: it does not step."""
 
     def run(self, config: Configuration, seed: int, actions: bytes = b"") -> GymnasiumRun:
-        """Return an episode as it was recorded; ValueError if it was not."""
+        """An episode as it was recorded; ValueError if it was not."""
         return RecordedRun(own_config(config), seed, actions)
 
     def replay(self, cause: Cause, actions: bytes = b"", ended: bool = False) -> Run:
@@ -296,12 +310,12 @@ class InPlaceEnvironment(GymnasiumEnvironment):
 
     def observations(self, record: Record) -> Sequence[object]:
         """What was seen before each move and after the last."""
-        # of its own replay: a Gymnasium environment asks a process, and here is none
+        # from the recording: there is no process to ask
         return BaseEnvironment.observations(self, record)
 
 
-def environment(told: str) -> GymnasiumEnvironment:
-    """Return the rules of an environment by what describes it; ValueError where there is none."""
-    if described(told).is_in_place:
-        return InPlaceEnvironment(told)
-    return GymnasiumEnvironment(told)
+def environment(text: str) -> GymnasiumEnvironment:
+    """The environment of a text that `described` takes; ValueError if there is none."""
+    if described(text).is_in_place:
+        return InPlaceEnvironment(text)
+    return GymnasiumEnvironment(text)

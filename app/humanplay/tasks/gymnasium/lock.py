@@ -24,7 +24,7 @@ class GymnasiumLock:
         self._task, self._description = task, description
 
     def current(self) -> dict[str, Any]:
-        """Gymnasium's own description of the environment, and what this machine computes it with."""
+        """Gymnasium's description of the environment, and what this machine computes with."""
         registered = spec_of(self._description.id)
         try:
             spec = json.loads(registered.to_json())
@@ -38,28 +38,29 @@ class GymnasiumLock:
 
     def check_exact(self, config: Configuration) -> str:
         """Compare `EXAMINED` moves on each of five seeds; ValueError if they differ."""
-        found = examine(self._task, steps=EXAMINED, config=config.to_dict())
-        if found.differences:
-            way = "mend the environment or name a wrapper that does; `humanplay doctor` says more"
-            raise ValueError(f"{found.verdict}; {way}")
-        used = (
-            f"; a used environment differs, which does not count: {found.used}"
-            if found.used
-            else ""
-        )
-        return f"{counted(found.steps, 'move')} came to the same in fresh processes{used}"
+        examination = examine(self._task, steps=EXAMINED, config=config.to_dict())
+        if examination.differences:
+            raise ValueError(
+                f"{examination.verdict}; mend the environment or name a wrapper that does; "
+                "`humanplay doctor` says more"
+            )
+        used = ""
+        if examination.used:
+            used = f"; a used environment differs, which does not count: {examination.used}"
+        return f"{counted(examination.steps, 'move')} came to the same in fresh processes{used}"
 
     def why_not_replayable(self, record: Record, rewards: Sequence[float]) -> str:
-        """Say how another version's episode, with its rewards, differs when it is played with what is here."""
+        """How another version's episode differs if its actions are played here."""
         played = dict(package.rsplit(" ", 1) for package in record.core_version.split(", "))
         here = dict(package.rsplit(" ", 1) for package in self._description.versions.split(", "))
-        said = f"cannot be simulated here: {', '.join(differences(played, here))}"
+        reason = f"cannot be simulated here: {', '.join(differences(played, here))}"
         run = environment_of(self._task).run(record.config, seed_of(record))
         for step, (action, reward) in enumerate(zip(record.actions, rewards, strict=True), 1):
             if run.ended or run.step(action) != reward:
-                return f"{said}; first difference at step {step}"
+                return f"{reason}; first difference at step {step}"
         give_up(record, run)
-        came_to = run.record()
-        is_same = came_to.outcome == record.outcome
-        is_same = is_same and came_to.trajectory_hash == record.trajectory_hash
-        return f"{said}; {'no difference' if is_same else 'other observations'} in {counted(len(rewards), 'step')}"
+        replayed = run.record()
+        is_same = replayed.outcome == record.outcome
+        is_same = is_same and replayed.trajectory_hash == record.trajectory_hash
+        difference = "no difference" if is_same else "other observations"
+        return f"{reason}; {difference} in {counted(len(rewards), 'step')}"

@@ -1,4 +1,4 @@
-"""Modules of a user's own: found in the working folder, and known by a hash of their source."""
+"""A user's own modules, imported from the working folder and hashed."""
 
 from __future__ import annotations
 
@@ -70,12 +70,13 @@ def owners_of(name: str) -> tuple[str, ...]:
 
 @cache
 def source_hash(name: str) -> str:
-    """Return SHA-256 (hex) of the source of a user's own module, with all that is in its package.
+    """SHA-256 (hex) of a user's own module, with everything in its package.
 
-    Empty for a module that a package brings, and for one that has no source.
+    Empty for a module that a package brings, for one that has no source, and for a script or a
+    notebook, which is another `__main__` in each process.
     """
     top = name.partition(".")[0]
-    if top in OURS or owners_of(top):
+    if top in (*OURS, "__main__") or owners_of(top):
         return ""
     spec = find_spec(top)
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):

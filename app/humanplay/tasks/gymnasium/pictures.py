@@ -52,7 +52,7 @@ def _drawn(figure: object) -> object:
 
 
 def _bytes(array: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Return numbers of a picture as bytes; ValueError where they are not from 0 to 255."""
+    """A picture's numbers as bytes; ValueError if they are not from 0 to 255."""
     if array.dtype == np.uint8:
         return array.astype(np.uint8, copy=False)
     if array.dtype == np.bool_:
@@ -72,7 +72,7 @@ def _described(array: NDArray[np.generic]) -> str:
 
 
 def _way(array: NDArray[np.generic]) -> str:
-    """Return what makes a picture of an array that is nearly one; empty where that is not known."""
+    """How to make a picture of an array that is nearly one; empty if unknown."""
     if array.ndim == 3 and array.shape[0] in (1, 3, 4) and array.shape[2] not in (1, 3, 4):
         return "; its channels come first: return np.moveaxis(picture, 0, -1)"
     if array.dtype.kind == "f":

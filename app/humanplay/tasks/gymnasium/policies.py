@@ -1,4 +1,4 @@
-"""A policy's episode of an environment, in a process that has both (`humanplay.tasks.policies`)."""
+"""A policy's episode in a process with the environment (`tasks.policies`)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def prepare(argument: str) -> None:
 
 
 def work(argument: str, request: Mapping[str, Any]) -> Work:
-    """Play one episode: yield an action for the moves that are sent, or, for "play", the whole episode."""
+    """Play one episode: yield an action for each list of moves; for "play" all of it."""
     task, source = json.loads(argument)
     config = own_config(environment_of(task).configuration(request["config"]))
     run = GymnasiumRun(config, request["seed"])

@@ -1,4 +1,4 @@
-"""A running episode of a Gymnasium environment, and what may be seen of it: the environment's own picture."""
+"""A running episode of a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -17,15 +17,17 @@ from humanplay.task import AgentObservation, Allowed
 from humanplay.tasks.base import EpisodeRecord, frame_text
 from humanplay.tasks.gymnasium.codes import ActionCodes, Mask, allowed_in
 from humanplay.tasks.gymnasium.configuration import GymnasiumConfig
-from humanplay.tasks.gymnasium.description import (
-    actions_of,
-)
+from humanplay.tasks.gymnasium.description import actions_of
 from humanplay.tasks.gymnasium.pictures import pixels_of
 from humanplay.tasks.gymnasium.values import bytes_of, finite, plain, reward_of
 
 
 def draw_once(config: GymnasiumConfig) -> None:
-    """Begin an episode and draw it; ValueError where it cannot be played, or what it needs is not installed."""
+    """Begin an episode and draw it.
+
+    Raises:
+        ValueError: If it cannot be played, or something it needs is not installed.
+    """
     try:
         run = GymnasiumRun(config, 0)
         run.check_reward()
@@ -38,16 +40,17 @@ def draw_once(config: GymnasiumConfig) -> None:
 class GymnasiumRun:
     """One running episode (`humanplay.task.Run`) of an environment, reset once.
 
-    It has succeeded when it ends by the rule of its description; where there is none, one that ends by itself has `ended`.
+    An episode succeeds by the rule of the description. Without a rule, one that ends by itself has
+    the outcome `ended`.
     """
 
     is_live = False
-    """Whether somebody waits for its pictures: then they are packed quickly, and larger."""
+    """Whether somebody waits for its pictures: then they are compressed less, but faster."""
 
     def __init__(
         self, config: GymnasiumConfig, seed: int, env: gymnasium.Env[object, object] | None = None
     ) -> None:
-        """Reset a new environment, or one that somebody holds."""
+        """Reset a new environment, or `env`."""
         self.config, self.seed = config, seed
         self._described = config.description
         self._env = config.make(seed) if env is None else env
@@ -63,23 +66,25 @@ class GymnasiumRun:
         self._look()
 
     def _look(self) -> None:
-        """Ask the environment what may be chosen next; of an episode that has ended nothing."""
+        """Ask the environment what may be chosen next, unless the episode has ended."""
         self._mask: Mask | None = None
         if self.outcome == "running":
             self._mask = self._codes.mask_of(self._env, self._observation, self._info)
             self._allowed.append(allowed_in(self._mask))
 
     def step(self, action: int) -> float:
-        """Make one move and return its reward; RuntimeError once the episode has ended.
+        """Make one move and return its reward.
 
-        ValueError for no action, and where the environment tells a reward or a score that is not finite.
+        Raises:
+            RuntimeError: If the episode has ended.
+            ValueError: If there is no such action, or a reward or a score is not finite.
         """
         if self.outcome != "running":
             raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
         self._check_code(action)
-        own = self._codes.own(action)
-        self._observation, given, terminated, truncated, self._info = self._env.step(own)
-        reward = reward_of(self._described.id, given)
+        step = self._env.step(self._codes.own(action))
+        self._observation, env_reward, terminated, truncated, self._info = step
+        reward = reward_of(self._described.id, env_reward)
         self.total = finite("return", self.total + reward)
         self.actions.append(action)
         self._rewards.append(reward)
@@ -105,21 +110,21 @@ class GymnasiumRun:
         return ("failed" if rule else "ended") if terminated else "timed_out"
 
     def _score(self, before: float) -> float:
-        """Return the headline so far: of a value in `info` the last that was told, 0 before the first."""
+        """The headline metric so far: the return, or the last value in `info`, at first 0."""
         name = self._described.score
         return self.total if name == "return" else finite(name, self._info.get(name[5:], before))
 
     def check_reward(self) -> None:
-        """Raise ValueError, with the ways out, where the environment says that it pays several rewards at once."""
+        """Raise ValueError if the environment pays several rewards at once."""
         space = getattr(self._env.unwrapped, "reward_space", None)
         reward_of(self._described.id, np.zeros(getattr(space, "shape", ())))
 
     def scores(self) -> Sequence[float]:
-        """Return the headline metric after 0, 1, 2, ... moves."""
+        """The headline metric after 0, 1, 2, ... moves."""
         return self._scores
 
     def abandon(self) -> None:
-        """Give up: the episode ends as one that was left, with the score so far."""
+        """End the episode as an abandoned one, with the score so far."""
         self.outcome = "abandoned"
 
     @property
@@ -128,7 +133,11 @@ class GymnasiumRun:
         return self.outcome != "running"
 
     def decide(self, choose: Callable[[Any, Mask], int]) -> int:
-        """Return what is chosen by the observation and by which actions are allowed; ValueError where that is no action."""
+        """The action that `choose` returns for the observation and the mask.
+
+        Raises:
+            ValueError: If it is no action.
+        """
         mask = np.ones(len(self._names), bool) if self._mask is None else self._mask
         action = choose(self.observation(), mask)
         self._check_code(action)
@@ -139,16 +148,16 @@ class GymnasiumRun:
             raise ValueError(f"expected an action of {self._env.action_space}, got {code}")
 
     def code_of(self, action: object) -> int:
-        """The code of what a policy chose, which is the environment's own action; ValueError for none."""
+        """The code of an environment's own action; ValueError if there is none."""
         return self._codes.of_own(action)
 
     @property
     def newest_observation(self) -> object:
-        """What the environment showed last, itself."""
+        """The environment's last observation itself."""
         return self._observation
 
     def observation(self) -> Any:
-        """Return a copy of what the environment shows a policy."""
+        """What a policy observes, as a new copy."""
         return deepcopy(self._observation)
 
     def allowed(self) -> Sequence[Allowed]:
@@ -157,12 +166,12 @@ class GymnasiumRun:
 
     @property
     def allowed_names(self) -> tuple[str, ...] | None:
-        """The names of the actions that may be chosen; None if all may, and once the episode has ended."""
+        """Names of the actions that may be chosen; None: all, or the episode has ended."""
         codes = self._allowed[-1] if self.outcome == "running" else None
         return None if codes is None else tuple(self._names[code] for code in codes)
 
     def view(self) -> GymnasiumView:
-        """Return what may be seen of the run as it stands."""
+        """What may be seen of the run now."""
         shown = self._env.render()
         if isinstance(shown, str):
             return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown))
@@ -171,7 +180,7 @@ class GymnasiumRun:
         return GymnasiumView(self, packed, None)
 
     def agent_observation(self, picture: bool, observation: bool) -> AgentObservation:
-        """Return picture or text, and the observation as numbers, texts, lists and objects."""
+        """Picture or text, and the observation as JSON holds it."""
         shown = self.view() if picture else None
         return {
             "picture": None if shown is None else shown.picture,
@@ -186,29 +195,30 @@ class GymnasiumRun:
         return self._hash.hexdigest()
 
     def record(self) -> EpisodeRecord:
-        """Return the cause, with what it came to."""
+        """The cause with actions and result."""
         return EpisodeRecord(
             self.config, self.seed, bytes(self.actions), self.outcome, self.total, self._scores[-1], len(self.actions),
             0, self.digest, self._described.versions,
         )  # fmt: skip
 
     def rewards(self) -> Sequence[float]:
-        """Return the reward of each move."""
+        """The reward of each move."""
         return self._rewards
 
     def counts(self) -> Sequence[int]:
-        """Return zeros: nothing is discovered."""
+        """Zeros: nothing is discovered."""
         return [0] * (len(self._rewards) + 1)
 
     def place(self, step: int) -> Mapping[str, float]:
-        """Return nothing: an environment need not be a place."""
+        """Nothing: an environment need not be a place."""
         return {}
 
 
 class GymnasiumView:
-    """What is seen of a run after some of its moves (`humanplay.task.View`): its picture as it was then.
+    """What is seen of a run after some of its moves (`humanplay.task.View`).
 
-    picture  a data URL, None for an environment that is shown as text
+    Args:
+        picture: A data URL; None for an environment that is shown as text.
     """
 
     def __init__(self, run: GymnasiumRun, picture: str | None, text: str | None) -> None:
@@ -223,18 +233,18 @@ class GymnasiumView:
         self._allowed_names = run.allowed_names
 
     def observation(self) -> tuple[GymnasiumConfig, int, bytes]:
-        """Return what a policy's process is told (`policies`): the cause of the episode so far."""
+        """What a policy's process gets (`policies`): the cause of the episode so far."""
         return self._config, self._seed, self.actions
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
-        """Return the frame as JSON text, with the picture as a data URL; its figures are null where they are hidden."""
+        """The frame as JSON text, with the picture as a data URL; hidden figures are null."""
         shown = {"picture": self.picture, "text": self.text, "allowed": self._allowed_names}
         figures = self._reward, self._total, self._score
         return frame_text(self, episode_id, shown, figures, hides_scores)
 
     def history(self, episode_id: str, hides_scores: bool = False) -> str:
-        """Return the headline after 0, 1, 2, ... moves, null where hidden, as JSON text: a picture has no path."""
+        """The headline after 0, 1, 2, ... moves as JSON text; hidden ones are null."""
         count = self.steps + 1
-        told = [None] * count if hides_scores else self._scores[:count]
-        history = {"kind": "history", "episode": episode_id, "headlines": told}
+        headlines = [None] * count if hides_scores else self._scores[:count]
+        history = {"kind": "history", "episode": episode_id, "headlines": headlines}
         return json.dumps(history, separators=(",", ":"))

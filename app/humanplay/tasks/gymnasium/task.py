@@ -23,17 +23,23 @@ from humanplay.tasks.processes import guards_of
 
 
 class GymnasiumTask(BaseTask, GymnasiumEnvironment):
-    """The environment that a description tells of, as a server offers it (`humanplay.task.Task`)."""
+    """A described environment as a server offers it (`humanplay.task.Task`)."""
 
     def __init__(
         self,
-        told: str,
+        text: str,
         policies: Sequence[str] = (),
         hidden: Sequence[Path] = (),
         confined: bool = True,
     ) -> None:
-        """Begin no process yet; `hidden` are files and folders that neither boards nor policies may read."""
-        super().__init__(told)
+        """Take a description's text; no process begins yet.
+
+        Args:
+            policies: Sources of those on offer besides `random`.
+            hidden: Files and folders that neither boards nor policies may read.
+            confined: Whether processes may do no more than they need.
+        """
+        super().__init__(text)
         self._checked = policies
         self._process_policies = ProcessPolicies(self.name, POLICIES, policies, hidden, confined)
         self.policies = self._process_policies
@@ -41,7 +47,7 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
         self.steps_on = self._boards.steps_on
 
     def begin(self, choice: Choice) -> Run:
-        """Return a run at its start, in a process of its own; ValueError before a seed is drawn."""
+        """A run at its start, in a process of its own; ValueError without a seed."""
         self._boards.check_room()
         return super().begin(choice)
 
@@ -55,7 +61,12 @@ class GymnasiumTask(BaseTask, GymnasiumEnvironment):
         return self._own_boards
 
     def guards(self) -> str:
-        """Return what guards the server; ValueError where a process does not start, PolicyError where a policy cannot play."""
+        """What guards the server, in a sentence.
+
+        Raises:
+            ValueError: If a process does not start.
+            PolicyError: If a policy cannot play.
+        """
         for source in self._checked:  # `random` starts when somebody wants it
             self.policies.load(source, self.default).reset(0)
         return guards_of(self._boards.preparer.guards())

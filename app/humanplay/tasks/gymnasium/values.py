@@ -1,4 +1,4 @@
-"""What an environment of others tells: checked numbers, and observations as bytes, packed, and as JSON."""
+"""What other people's environments return: numbers checked, observations packed."""
 
 from __future__ import annotations
 
@@ -12,27 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def finite(name: str, given: Any) -> float:
-    """Return what an environment told as a number; ValueError for one that neither database nor JSON holds."""
-    if not math.isfinite(value := float(given)):
-        raise ValueError(f"its {name} is {value}, which is no finite number")
-    return value
+def finite(name: str, env_number: Any) -> float:
+    """An environment's number as a float; ValueError if it is not finite.
+
+    Neither the database nor JSON holds one that is not.
+    """
+    if not math.isfinite(number := float(env_number)):
+        raise ValueError(f"its {name} is {number}, which is no finite number")
+    return number
 
 
-def two_of(came: object) -> tuple[object, dict[str, object]]:
-    """Return what reset returned as observation and info; ValueError for anything else."""
-    if isinstance(came, tuple) and len(came) == 2 and isinstance(came[1], dict):
-        return came
+def two_of(returned: object) -> tuple[object, dict[str, object]]:
+    """Observation and info, as `reset` returned them; ValueError for anything else."""
+    if isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], dict):
+        return returned
     raise ValueError(
-        f"reset returned {type(came).__name__}: expected (observation, info), as Gymnasium has it"
+        f"reset returned {type(returned).__name__}: expected (observation, info), as Gymnasium has it"
     )
 
 
-def reward_of(env_id: str, given: object) -> float:
-    """Return a reward as a number; ValueError, with the ways out, for one of several numbers."""
-    size = np.asarray(given).size
+def reward_of(env_id: str, env_reward: object) -> float:
+    """An environment's reward as a float; ValueError if it is several numbers."""
+    size = np.asarray(env_reward).size
     if size == 1:
-        return float(np.asarray(given).item())
+        return float(np.asarray(env_reward).item())
     raise ValueError(
         f"{env_id} pays a reward of {size} numbers, and one is expected: name a wrapper such as "
         "mo_gymnasium.wrappers.LinearReward, with its weights, in a function that makes the environment, and what else "
@@ -41,7 +44,7 @@ def reward_of(env_id: str, given: object) -> float:
 
 
 def bytes_of(observation: object) -> bytes:
-    """Return an observation as bytes that say its type and shape too."""
+    """An observation as bytes, with its types and shapes, to be hashed."""
     if isinstance(observation, Mapping):
         parts = ((str(key).encode(), bytes_of(observation[key])) for key in sorted(observation))
         return b"".join(part for pair in parts for part in pair)
@@ -55,7 +58,7 @@ def bytes_of(observation: object) -> bytes:
 
 
 def _numbers(observation: object) -> NDArray[np.generic]:
-    """Return a part of an observation as an array; ValueError where it holds Python's own objects."""
+    """A part of an observation as an array; ValueError if it holds Python objects."""
     array = np.asarray(observation)
     if array.dtype.hasobject:
         raise ValueError(
@@ -74,7 +77,7 @@ def packed(observation: object) -> bytes:
 
 
 def _shape_of(observation: object, arrays: list[bytes]) -> list[object]:
-    """Return what an observation is made of, and add the content of its arrays."""
+    """The shape of an observation as JSON; adds the content of its arrays to `arrays`."""
     if isinstance(observation, Mapping):
         parts = [[str(key), _shape_of(part, arrays)] for key, part in observation.items()]
         return ["dict", parts]
@@ -100,7 +103,7 @@ def unpacked(content: bytes) -> Iterator[object]:
 
 
 def _rebuilt(shape: list[Any], content: memoryview, start: list[int]) -> object:
-    """Return the observation of a shape; `start` holds where its next array begins."""
+    """The observation of a shape; `start[0]` is where its next array begins."""
     kind, *rest = shape
     if kind == "dict":
         return {key: _rebuilt(part, content, start) for key, part in rest[0]}
@@ -111,21 +114,23 @@ def _rebuilt(shape: list[Any], content: memoryview, start: list[int]) -> object:
     dtype, size = np.dtype(rest[0]), tuple(rest[1])
     array = np.frombuffer(content, dtype, math.prod(size), start[0]).reshape(size)
     start[0] += array.nbytes
-    return (
-        array.copy() if size else array[()]
-    )  # a number is one of NumPy's, as environments return them
+    # environments return single numbers as NumPy's scalars
+    return array.copy() if size else array[()]
 
 
 def plain(observation: object) -> object:
-    """Return an observation as JSON holds it: arrays as nested lists, numbers that are not finite as null."""
+    """An observation as JSON holds it.
+
+    Arrays become nested lists; numbers that are not finite become null.
+    """
     if isinstance(observation, Mapping):
-        return {str(key): plain(value) for key, value in observation.items()}
+        return {str(key): plain(part) for key, part in observation.items()}
     if isinstance(observation, (tuple, list)):
-        return [plain(value) for value in observation]
+        return [plain(part) for part in observation]
     if isinstance(observation, str):
         return observation
-    values = np.asarray(observation)
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        values = values.astype(object)
-        values[~np.isfinite(values.astype(float))] = None
-    return values.tolist()
+    array = np.asarray(observation)
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        array = array.astype(object)
+        array[~np.isfinite(array.astype(float))] = None
+    return array.tolist()

@@ -9,7 +9,7 @@ from humanplay.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.cost import CostEstimator, EpisodeCosts, check_judged, counted_moves
-from marsexplorer.evaluation.missed import Missed
+from marsexplorer.evaluation.missed import MissedCells
 from marsexplorer.evaluation.mistakes import Mistake
 
 MOST_NAMED = 5
@@ -44,7 +44,7 @@ def explain(cache: Path, record: Record, expert: str) -> dict[str, object]:
         "counts": costs.counts,
         "expert_moves": costs.expert_moves,
         "total": costs.total,
-        "given_up": costs.given_up,
+        "given_up": costs.without_move,
         "gained": costs.gained,
         "by_kind": {str(kind): moves for kind, moves in costs.by_kind().items()},
         "mistakes": [
@@ -96,12 +96,12 @@ def describe_expert(costs: EpisodeCosts, limit: int) -> list[dict[str, object]]:
     ]
 
 
-def describe_mistake(record: Record, mistake: Mistake, missed: Missed) -> dict[str, object]:
+def describe_mistake(record: Record, mistake: Mistake, missed: MissedCells) -> dict[str, object]:
     """Return a mistake for a page.
 
     `step` is the number of moves before its costliest, `previous` the last of them.
 
-    `grid` and `discovered` are what was known then, as in a frame; the rest is `evaluation.missed.Missed`.
+    `grid` and `discovered` are what was known then, as in a frame; the rest is `evaluation.missed.MissedCells`.
     """
     return {
         "first": mistake.first,

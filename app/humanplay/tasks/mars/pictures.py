@@ -1,4 +1,4 @@
-"""Pictures of a replay: boards with paths, the animation, and the preview of its link."""
+"""Pictures of a replay: boards with paths, the animation, the link's preview."""
 
 from __future__ import annotations
 
@@ -241,7 +241,7 @@ def _preview(course: DrawnEpisode, step: int, headline: str, *below: str) -> byt
 
 
 def _lines(text: str, height: int, room: int) -> list[str]:
-    """Break a text into lines at most `room` pixels wide, and never before a per cent sign."""
+    """Break a text into lines of at most `room` pixels, never before a per cent sign."""
     lines: list[str] = []
     for word in text.replace(" %", "\u00a0%").split(" "):
         whole = word.replace("\u00a0", " ")  # for which the font has no glyph

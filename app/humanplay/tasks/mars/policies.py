@@ -150,7 +150,7 @@ class PolicyCatalogue(BasePolicies):
 
 
 def own_policy(policy: task.Policy) -> Policy:
-    """A policy as one of MarsExplorer's; TypeError for one that does not decide by itself."""
+    """A policy as one of MarsExplorer's own; TypeError if it is not."""
     if not _decides(policy):
         raise TypeError(f"expected a policy of MarsExplorer's, got a {type(policy).__name__}")
     return policy

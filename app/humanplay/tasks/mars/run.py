@@ -79,7 +79,7 @@ def _load_step() -> None:
 
 
 class ShownMap(TypedDict):
-    """What a frame shows of a map and a rover; `cells` are those that coverage refers to."""
+    """What a frame shows of a map and a rover; coverage is a share of `cells`."""
 
     rows: int
     cols: int

@@ -19,6 +19,8 @@ class Day(Answer):
     commitment: str = Field(description="SHA-256 of the day's key")
     key: str | None = Field(description="null until the day is over")
     seed: int | None = Field(description="null until the day is over")
+    older: str | None = Field(description="the nearest day before it with a terrain")
+    newer: str | None = Field(description="the nearest day after it with a terrain, up to today")
 
 
 class Attempt(Answer):

@@ -63,7 +63,7 @@ def declare_problems(responses: dict[str, Any]) -> None:
 
 
 def models_of(messages: Messages) -> dict[str, type[BaseModel]]:
-    """An environment's models for its parts of answers, by `OfEnvironment.name`."""
+    """An environment's models for its parts of answers, by `EnvironmentModel.name`."""
     return {
         "frame": messages.frame,
         "history": messages.history,

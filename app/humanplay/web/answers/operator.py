@@ -1,4 +1,4 @@
-"""Answers to the operator: the console, a study as it runs, its invitations, payments and exports."""
+"""Answers to the operator: console, studies, invitations, payments, exports."""
 
 from __future__ import annotations
 
@@ -246,7 +246,7 @@ class OutcomeText(Answer):
 
 
 class OutcomeTexts(Answer):
-    """What people read at their end."""
+    """What people read when they finish or leave."""
 
     outcomes: list[OutcomeText]
     outcomes_problem: str = Field(

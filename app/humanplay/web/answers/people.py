@@ -42,6 +42,7 @@ class OwnStanding(OwnName):
     worse: float | None = Field(description="null below `fewest` terrains")
     terrains: int
     missing: int = Field(description="terrains before there is a place")
+    comparing: int = Field(description="yours on which Expert has not driven yet")
 
 
 class People(Answer):

@@ -34,3 +34,6 @@ class PuzzleAnswer(Answer):
     error: float = Field(description="its standard error, moves")
     terrains: int = Field(description="that agree with what is seen, over which it is the average")
     here: int = Field(description="moves that it saves on the terrain itself")
+    shows: dict[str, list[tuple[int, int]]] = Field(
+        description="rows and columns that come in sight there within eight moves, by the first move"
+    )

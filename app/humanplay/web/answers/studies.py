@@ -84,8 +84,9 @@ class ShownQuestion(Answer):
     steps: int | None = Field(default=None, description="of scale: 0 to one less is sent")
     low: str | None = Field(default=None, description="of scale: its low end")
     high: str | None = Field(default=None, description="of scale: its high end")
-    least: float | None = Field(default=None, description="of number")
-    most: float | None = Field(default=None, description="of number, and of text the characters")
+    minimum: float | None = Field(default=None, description="of number")
+    maximum: float | None = Field(default=None, description="of number")
+    max_length: int | None = Field(default=None, description="of text: its characters at most")
     whole: bool | None = Field(default=None, description="of number")
     unit: str | None = Field(default=None, description="of number")
     long: bool | None = Field(default=None, description="of text: several lines")
@@ -166,6 +167,7 @@ class Settings(Answer):
     modality: Literal["keyboard", "touch"] | None
     palette: Literal["standard", "colour-blind", "high-contrast"]
     keys: dict[str, list[str]] | None
+    language: str | None = Field(description="null if the study is offered in one alone")
 
 
 class Participation(Answer):
@@ -173,6 +175,7 @@ class Participation(Answer):
 
     study: str
     title: str
+    languages: list[str] = Field(description="in which the study is offered")
     task: Task
     participant: str = Field(description="what the participant can quote")
     stage: Stage

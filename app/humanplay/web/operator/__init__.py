@@ -1,4 +1,4 @@
-"""What the operator sees and does: a study's participants, boards that are being played, the server's health, exports.
+"""What the operator sees and does: participants, boards, health, exports.
 
 The list of payments alone reads identities.
 """

@@ -1,4 +1,4 @@
-"""Reports and releases that the operator asks for: the commands themselves, each as a job.
+"""Reports and releases for the operator: each is the command, run as a job.
 
 When a command fails, the last sentence of its stderr is shown. Files live as long as the server.
 """
@@ -35,7 +35,12 @@ class ExportError(Exception):
 
 @dataclass
 class Export:
-    """One export: `making` is its job, `files` are by the name they are downloaded under."""
+    """A report or release of a study.
+
+    Attributes:
+        making: Its job.
+        files: Name of the download -> file.
+    """
 
     folder: Path
     making: Future[None]
@@ -52,8 +57,8 @@ class Export:
     def shown(self) -> answers.Export:
         """What the page shows of it."""
         error = str(self.making.exception()) if self.state == "failed" else None
-        made = self.files.items() if self.state == "ready" else ()
-        files = [answers.ExportFile(name=name, size=path.stat().st_size) for name, path in made]
+        written = self.files.items() if self.state == "ready" else ()
+        files = [answers.ExportFile(name=name, size=path.stat().st_size) for name, path in written]
         return answers.Export(state=self.state, began_ms=self.began_ms, error=error, files=files)
 
 
@@ -63,41 +68,48 @@ class Exports:
     def __init__(self, database: Path, jobs: Jobs, downloads: Downloads) -> None:
         self._database, self._jobs = database, jobs
         self._downloads = downloads
-        self._made: dict[tuple[str, ExportKind], Export] = {}
+        self._newest: dict[tuple[str, ExportKind], Export] = {}
 
     def state(self, study: str) -> answers.Exports:
         """The state of each kind of export; None for a kind that was never begun."""
-        newest = {what: self._made.get((study, what)) for what in KINDS}
-        return answers.Exports(**{what: one and one.shown() for what, one in newest.items()})
+        newest = {kind: self._newest.get((study, kind)) for kind in KINDS}
+        return answers.Exports(
+            **{kind: export and export.shown() for kind, export in newest.items()}
+        )
 
-    def begin(self, study: str, what: ExportKind, authors: tuple[str, ...] = ()) -> None:
+    def begin(self, study: str, kind: ExportKind, authors: tuple[str, ...] = ()) -> None:
         """Begin an export; ExportError while the same is being made."""
-        old = self._made.get((study, what))
+        old = self._newest.get((study, kind))
         if old is not None and old.state == "making":
-            raise ExportError(f"this {what} is being made already: wait until it is done")
+            raise ExportError(f"this {kind} is being made already: wait until it is done")
         folder = self._downloads.new_folder()
-        files, outputs = _written(folder, study, what, authors)
-        words = (what, "--study", study, "--database", str(self._database), *outputs)
-        making_of = (make_export, words, folder, what)
+        files, options = _files_and_options(folder, study, kind, authors)
+        words = (kind, "--study", study, "--database", str(self._database), *options)
         try:
-            making = self._jobs.submit(*making_of, owner=OWNER, limit_s=LIMIT_S)
+            making = self._jobs.submit(
+                make_export, words, folder, kind, owner=OWNER, limit_s=LIMIT_S
+            )
         except JobsFullError as error:
             raise ExportError(str(error)) from error
         if old is not None:
             shutil.rmtree(old.folder, ignore_errors=True)
-        self._made[study, what] = Export(folder, making, files)
+        self._newest[study, kind] = Export(folder, making, files)
 
     def file(self, study: str, name: str) -> Path | None:
-        """Return the path of a finished file; None when there is none of this name."""
-        for what in KINDS:
-            export = self._made.get((study, what))
+        """The path of a finished file; None if there is none of this name."""
+        for kind in KINDS:
+            export = self._newest.get((study, kind))
             if export is not None and export.state == "ready" and name in export.files:
                 return export.files[name]
         return None
 
 
-def make_export(words: Sequence[str], folder: Path, what: ExportKind) -> None:
-    """Run the command that makes an export; ExportError with the last line that it wrote to stderr where it fails."""
+def make_export(words: Sequence[str], folder: Path, kind: ExportKind) -> None:
+    """Run the command that makes an export.
+
+    Raises:
+        ExportError: If it fails; the text is the last line of its stderr.
+    """
     command = (sys.executable, "-m", "humanplay.cli", *words)
     done = subprocess.run(
         command,
@@ -110,19 +122,19 @@ def make_export(words: Sequence[str], folder: Path, what: ExportKind) -> None:
     if done.returncode:
         lines = done.stderr.strip().splitlines() or [f"it ended with code {done.returncode}"]
         raise ExportError(lines[-1].removeprefix("humanplay: ")[:_MAX_ERROR_CHARS])
-    if what == "release":
+    if kind == "release":
         try:
             shutil.make_archive(str(folder / "release"), "zip", folder / "release")
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
-            raise ExportError(f"cannot write the {what}: {reason}") from error
+            raise ExportError(f"cannot write the {kind}: {reason}") from error
 
 
-def _written(
-    folder: Path, study: str, what: ExportKind, authors: tuple[str, ...]
+def _files_and_options(
+    folder: Path, study: str, kind: ExportKind, authors: tuple[str, ...]
 ) -> tuple[dict[str, Path], list[str]]:
-    """Return the files of an export by the name they are downloaded under, and the options by which they are written."""
-    if what == "report":
+    """The files of an export by their downloads' names, and the command's options."""
+    if kind == "report":
         stem = f"{study}-report"
         ends = (".html", "-methods.html", "-checklist.html", ".json")
         files = {f"{stem}{end}": folder / f"{stem}{end}" for end in ends}

@@ -1,4 +1,4 @@
-"""The state of disk and database: whether a write succeeds, free space, sizes, SQLite's own check, the head of the chain."""
+"""The state of disk and database: writes, free space, sizes, SQLite's check."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ LOW_BYTES = 1_000_000_000
 
 
 class Health:
-    """The health of one database; the check reads all of it, so it is made once, and again only on request."""
+    """The health of a database.
+
+    The check reads all of it, so it is made once, and again on request.
+    """
 
     def __init__(self, database: Path) -> None:
         self._database, self._log = database, log_path(database)
@@ -34,7 +37,7 @@ class Health:
         self._trying = ThreadPoolExecutor(1, "readyz")  # others' work keeps no probe waiting
 
     def check(self) -> None:
-        """Check the database, and log what is damaged; it takes milliseconds to minutes, so call it in a thread."""
+        """Check the database and log damage; up to minutes, so call it in a thread."""
         with self._checking:
             self._check_now()
 
@@ -61,10 +64,11 @@ class Health:
         self._checking.release()
 
     def check_whole(self) -> None:
-        """Raise StoreError where the last check has found damage."""
+        """Raise StoreError if the last check has found damage."""
         if self._check is not None and not self._check.is_whole:
-            what = f"the database {self._database.name} is damaged"
-            raise StoreError(f"{what}: the server's log says what to do")
+            raise StoreError(
+                f"the database {self._database.name} is damaged: the server's log says what to do"
+            )
 
     async def try_write(self) -> None:
         """Write a row and commit it; StoreError with the reason when that fails."""
@@ -76,7 +80,7 @@ class Health:
         return shutil.disk_usage(self._database.parent).free
 
     def log_bytes(self) -> int:
-        """Return the size of the write-ahead log, which is moved into the database now and then."""
+        """Size of the write-ahead log, which is moved into the database now and then."""
         return _size(self._log)
 
     def database_bytes(self) -> int:

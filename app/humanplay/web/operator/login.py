@@ -1,4 +1,4 @@
-"""The operator's login: the server's one password is exchanged for a signed token that lasts some hours.
+"""The operator's login: a password is exchanged for a token that lasts some hours.
 
 The key that signs is drawn at each start, so a restart of the server logs everybody out.
 """
@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import math
 import secrets
-import time
 
 from itsdangerous import BadSignature, TimestampSigner
-from limits import parse_many
-from limits.storage import MemoryStorage
-from limits.strategies import FixedWindowRateLimiter
 
+from humanplay.web.protection.limits import Buckets
 from humanplay.web.settings import Settings
 
 MIN_PASSWORD = 8
@@ -23,8 +21,12 @@ MIN_PASSWORD = 8
 TOKEN_S = 8 * 3600
 """Seconds that a token is valid."""
 
-ATTEMPTS_PER_MINUTE, ATTEMPTS_PER_HOUR = 5, 30
-"""Wrong attempts of an address, at most; beyond them not even the right password is looked at."""
+MOST_ATTEMPTS = 5
+ATTEMPTS = f"{MOST_ATTEMPTS}+0.006/s"
+"""Wrong attempts of an address: so many at once, then one in 167 seconds.
+
+Beyond them not even the right password is looked at.
+"""
 
 
 class WrongPasswordError(Exception):
@@ -32,7 +34,7 @@ class WrongPasswordError(Exception):
 
 
 class TooManyAttemptsError(Exception):
-    """An attempt is not looked at; `wait_s` says when the next one is, in whole seconds."""
+    """An attempt is refused unread; the next one is possible in `wait_s` seconds."""
 
     def __init__(self, wait_s: int) -> None:
         super().__init__(
@@ -41,32 +43,8 @@ class TooManyAttemptsError(Exception):
         self.wait_s = wait_s
 
 
-class Attempts:
-    """The attempts of each address, counted by the library `limits`."""
-
-    def __init__(self) -> None:
-        self._limits = parse_many(f"{ATTEMPTS_PER_MINUTE}/minute; {ATTEMPTS_PER_HOUR}/hour")
-        self._limiter = FixedWindowRateLimiter(MemoryStorage())
-
-    def begin(self, address: str) -> None:
-        """Count an attempt as wrong until `forgive` says otherwise; TooManyAttemptsError beyond the limits.
-
-        It counts before the password is looked at, so attempts at the same time are no way around the limits.
-        """
-        for limit in self._limits:
-            if not self._limiter.hit(limit, address):
-                ends_s = self._limiter.get_window_stats(limit, address).reset_time
-                wait_s = max(1, round(ends_s - time.time()))
-                raise TooManyAttemptsError(wait_s)
-
-    def forgive(self, address: str) -> None:
-        """Forget the attempts of an address: the last one was right."""
-        for limit in self._limits:
-            self._limiter.clear(limit, address)
-
-
 class AdminPassword:
-    """The server's one password, and how often it is guessed, whichever of its environments is asked.
+    """The one password of all environments of a server, and the attempts to guess it.
 
     drawn  the password where the server drew it itself, to be printed once; else None
     """
@@ -78,14 +56,18 @@ class AdminPassword:
             )
         self.drawn = password if is_drawn else None
         self._digest = _digest(password)
-        self.attempts = Attempts()
+        self.attempts = Buckets(ATTEMPTS)
 
     @classmethod
     def of(cls, settings: Settings) -> AdminPassword | None:
-        """Return what the settings ask for, None for no operator's page; ValueError when the password is too short."""
-        given = settings.admin_password.get_secret_value() if settings.admin_password else ""
-        if given:
-            return cls(given)
+        """The password of the settings, or a drawn one; None without an operator's page.
+
+        Raises:
+            ValueError: If the password is too short.
+        """
+        password = settings.admin_password.get_secret_value() if settings.admin_password else ""
+        if password:
+            return cls(password)
         return cls(secrets.token_urlsafe(12), is_drawn=True) if settings.admin else None
 
     def is_right(self, password: str) -> bool:
@@ -102,11 +84,18 @@ class AdminLogin:
         self._revoked: set[str] = set()
 
     def issue(self, address: str, password: str) -> str:
-        """Return a token for the right password; WrongPasswordError or TooManyAttemptsError otherwise."""
-        self._password.attempts.begin(address)
+        """A token for the right password.
+
+        An attempt counts before the password is looked at, so attempts at the same time are no way around the limit.
+
+        Raises:
+            WrongPasswordError, TooManyAttemptsError: Otherwise.
+        """
+        if wait_s := self._password.attempts.of(address).take():
+            raise TooManyAttemptsError(math.ceil(wait_s))
         if not self._password.is_right(password):
             raise WrongPasswordError("this is not the operator's password")
-        self._password.attempts.forgive(address)
+        self._password.attempts.forget(address)
         return self._signer.sign(secrets.token_hex(16)).decode()
 
     def is_valid(self, token: str) -> bool:

@@ -1,5 +1,4 @@
-"""A study as it runs, for the operator: the stage of each participant, who has gone quiet, what each has played, how people
-come in.
+"""A running study for the operator: each participant's progress, and recruitment.
 
 These queries are cheap and always fresh; the figure and the labels, which read every move, are kept for some seconds.
 """
@@ -40,7 +39,7 @@ FRESH_S = 15.0
 def list_participants(
     reader: Reader, study: str, now_ms: int, is_open: bool
 ) -> list[answers.Participant]:
-    """The participants of a study in the order of joining, each with its progress so far.
+    """A study's participants in the order of joining, with their progress.
 
     is_open  whether the study is: then nothing of a person's ranked episodes is listed
     """
@@ -108,7 +107,7 @@ def count_stages(people: Sequence[answers.Participant]) -> list[answers.StageCou
 
 
 class LiveFigures:
-    """The newest figure and labels of each study; one thread at a time computes them, and the others wait for it."""
+    """The newest figure and labels of each study, computed by one thread at a time."""
 
     def __init__(self, database: Path) -> None:
         self._database = database
@@ -116,7 +115,7 @@ class LiveFigures:
         self._made: dict[str, tuple[float, answers.LiveFigures]] = {}
 
     def of(self, study: str) -> answers.LiveFigures:
-        """The newest ones; they are kept for FRESH_S seconds, or for ten times the time they took."""
+        """The newest ones, at most FRESH_S or ten times their computing time old."""
         with self._lock:
             until, newest = self._made.get(study, (0.0, None))
             if newest is None or time.monotonic() >= until:
@@ -168,7 +167,7 @@ class LiveFigures:
 def recruiting(
     reader: Reader, invitations: Invitations, study: Study, now_ms: int
 ) -> answers.Recruiting:
-    """How people come into a study: its recruitment, the operator's code of the day, and its invitations.
+    """How people come into a study: recruitment, code of the day, invitations.
 
     Invitations are in the order of issuing. The token of one that still lets somebody in is among them: the operator hands it
     out. A closed study has neither code nor tokens.

@@ -1,4 +1,4 @@
-"""Whom to pay, for the operator: the texts of the outcomes, and the list of everybody who agreed."""
+"""Whom to pay, for the operator: outcomes' texts, and everybody who consented."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the operator's requests work on: the login, the studies, the server's health, figures and exports."""
+"""What the operator's requests work on: login, studies, health, figures, exports."""
 
 from __future__ import annotations
 

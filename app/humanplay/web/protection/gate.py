@@ -31,7 +31,7 @@ SHOWN = 60
 
 FOREIGN_HOST = (
     "this server does not answer for the host {!r}: open it by its IP address or as localhost; its operator makes a public "
-    "address known with serve --public-url URL"
+    "address known with serve --public-url URL, or play(env, public_url=URL)"
 )
 TWO_LENGTHS = (
     "a request says how long its body is by Content-Length or by Transfer-Encoding, and this one has both: "
@@ -77,7 +77,7 @@ class Gate:
     It refuses foreign hosts and two lengths with 400, other sites' pages with 403.
 
     Args:
-        names: What the server answers for, in lower case (`own_names`).
+        names: What the server answers for, in lower case (`own_names`); None: for every name that is well-formed.
         proxies: Whose X-Forwarded headers count.
         public_url: Where the operator says that the server is found; None: the Host is all we know.
         cookies: The names of the server's own.
@@ -87,7 +87,7 @@ class Gate:
         self,
         app: ASGIApp,
         *,
-        names: frozenset[str],
+        names: frozenset[str] | None,
         proxies: Proxies,
         public_url: str | None,
         cookies: Iterable[str],

@@ -78,10 +78,16 @@ def hosts_of(scope: Scope) -> list[str]:
     return [host.strip() for host in named if host.strip()]
 
 
-def serves(names: frozenset[str], host: str) -> bool:
-    """Whether a server with these names answers for a Host header."""
+def serves(names: frozenset[str] | None, host: str) -> bool:
+    """Whether a server answers for a Host header.
+
+    Args:
+        names: The server's; None: every name that is well-formed.
+    """
     name = name_of(host)
-    return name is not None and (name in names or name.endswith(".localhost") or is_literal(name))
+    if name is None or names is None:
+        return name is not None
+    return name in names or name.endswith(".localhost") or is_literal(name)
 
 
 class Proxies:

@@ -161,6 +161,10 @@ class Buckets:
             bucket = self._buckets[key] = TokenBucket(self._burst, self._rate)
         return bucket
 
+    def forget(self, key: str) -> None:
+        """Forget the bucket of an address or a player: the next one is full."""
+        self._buckets.pop(key, None)
+
     def __len__(self) -> int:
         """Return how many are in memory."""
         return len(self._buckets)

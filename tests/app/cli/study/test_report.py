@@ -93,7 +93,7 @@ def test_a_draft_and_a_thawed_protocol_are_refused(report, place):
     thawed.mkdir(parents=True)
     for name in ("frozen.json", "closed.json", "secret"):
         (thawed / name).write_bytes((place / "play.db-studies/dunes" / name).read_bytes())
-    (thawed / "protocol.json").write_text(text.replace('"players": 3', '"players": 30'))
+    (thawed / "protocol.json").write_text(text.replace('"players":3', '"players":30'))
     code, _, err = report("--no-policies", database="thawed.db")
     assert (code, "thawed protocol" in err) == (2, True)
 
@@ -141,24 +141,26 @@ def test_other_studies_of_the_configuration_that_the_chain_knows_are_named(tmp_p
             play_study(path, folder.study(name), first=10 * len(name))
             assert command(capsys, "study", "close", name, "--yes", "--now", *database)[0] == 0
     shutil.rmtree(folder.path("second"))
-    release = partial(command, capsys, "release", "--author", "Ada", *database)
-    for name in ("dunes", "alone"):
-        html, json_report, out = (
-            tmp_path / f"{name}.html",
-            tmp_path / f"{name}.json",
-            tmp_path / name,
-        )
-        options = ("--html", html, "--json", json_report, "--no-policies")
-        assert command(capsys, "report", "--study", name, *database, *options)[0] == 0
-        assert release("--study", name, "--out", out)[0] == 0
-        assert command(capsys, "reproduce", out)[0] == 0
-        for document in (json_report, out / "report.json"):
-            (group,) = json.loads(document.read_text())["groups"]
-            cautions = [line for line in group["cautions"] if "this configuration" in line]
-            assert len(cautions) == (name == "dunes")
-            for line in cautions:
-                assert line.startswith("2 other studies of this configuration were frozen")
-                assert "third on 20" in line
-                assert "second on 20" in line
-                assert line.endswith("Studies of other databases cannot be seen.")
-                assert "Studies of other databases cannot be seen." in html.read_text()
+    report = partial(command, capsys, "report", "--no-policies", *database)
+    alone, html = tmp_path / "alone.json", tmp_path / "dunes.html"
+    assert report("--study", "alone", "--json", alone)[0] == 0
+    assert report("--study", "dunes", "--json", tmp_path / "dunes.json", "--html", html)[0] == 0
+    out = tmp_path / "dunes"
+    assert command(capsys, "release", "--study", "dunes", *database, "--out", out)[0] == 0
+    assert command(capsys, "reproduce", out)[0] == 0
+
+    assert cautions_of_others(alone) == []
+    for document in (tmp_path / "dunes.json", out / "report.json"):
+        (line,) = cautions_of_others(document)
+        assert line.startswith("2 other studies of this configuration were frozen")
+        assert "third on 20" in line
+        assert "second on 20" in line
+        assert line.endswith("Studies of other databases cannot be seen.")
+    for page in (html, out / "report.html"):
+        assert "Studies of other databases cannot be seen." in page.read_text()
+
+
+def cautions_of_others(document):
+    """What a report (JSON) says of other studies."""
+    (group,) = json.loads(document.read_text())["groups"]
+    return [line for line in group["cautions"] if "this configuration" in line]

@@ -1,12 +1,8 @@
 """`study new`, `freeze`, `show` and `preregister` as a researcher meets them."""
 
 import json
-import os
-import pty
 import re
-import subprocess
-import sys
-from pathlib import Path
+import shutil
 
 import numpy as np
 import pytest
@@ -15,11 +11,11 @@ from click.testing import CliRunner
 from humanplay.cli.main import cli
 from humanplay.study.folder import Folder
 from humanplay.study.policy_episodes import play_policies
-from humanplay.study.protocol import Declarations
 from humanplay.task.registration import environment_of
 from marsexplorer.config import EnvConfig
-from tests.support.command import command
+from tests.support.command import command, run
 from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE
+from tests.support.drafts import draft_of, edit_draft
 
 SHORT = [
     "--size",
@@ -44,9 +40,22 @@ def study(tmp_path, capsys):
     return lambda *args: command(capsys, "study", *args, "--database", tmp_path / "playground.db")
 
 
+@pytest.fixture(scope="module")
+def new_study(tmp_path_factory):
+    """A folder with the draft `mine`, for which `study new` plays 200 terrains."""
+    folder = tmp_path_factory.mktemp("new")
+    assert run("study", "new", "mine", *SHORT, "--database", folder / "playground.db") == 0
+    return folder
+
+
+@pytest.fixture
+def drafted(new_study, tmp_path):
+    """The draft `mine` lies in the test's folder."""
+    shutil.copytree(new_study, tmp_path, dirs_exist_ok=True)
+
+
 def edit(tmp_path, **changes):
-    path = tmp_path / "playground.db-studies" / "mine" / "protocol.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+    edit_draft(draft_of(tmp_path / "playground.db-studies", "mine"), **changes)
 
 
 def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_path):
@@ -65,14 +74,13 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     assert "By 10,000 simulated studies" in out
     frozen = Folder(tmp_path / "playground.db-studies").study("mine").protocol
     assert (frozen.power.studies, frozen.policy_difference) == (10_000, draft.policy_difference)
-    assert 0.5 <= frozen.power.lower <= frozen.power.policy_better
+    assert 0.5 <= frozen.power.deciding_power <= frozen.power.policy_better
     power_sentence = f"is seen in {100 * frozen.power.policy_better:.0f} % of studies"
     assert power_sentence in out
     assert power_sentence in study("preregister", "mine")[1]
 
 
-def test_a_study_of_arms_freezes_with_the_power_of_its_arms(study, tmp_path):
-    study("new", "mine", *SHORT)
+def test_a_study_of_arms_freezes_with_the_power_of_its_arms(study, drafted, tmp_path):
     arms = [{"name": "told", "hint": "Walls first."}, {"name": "control"}]
     tested = {"arms": arms, "primary_family": "arms", "policy_difference": None}
     edit(tmp_path, **tested, arm_difference=1)
@@ -109,11 +117,15 @@ def test_arms_without_an_assumption_of_people_are_not_frozen_without_power(study
     tested = {"arms": arms, "primary_family": "arms", "arm_difference": 0.5}
     edit(tmp_path, **tested, primary_metric="score")
     code, _, refusal = study("freeze", "mine")
-    assert (code, "no mean score without a lowest one" in refusal) == (2, True), refusal
+    assert (code, "people who left cannot enter the mean without a lowest score" in refusal) == (
+        2,
+        True,
+    ), refusal
 
 
-def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(study, tmp_path):
-    study("new", "mine", *SHORT)
+def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(
+    study, drafted, tmp_path
+):
     config = EnvConfig.of("random", (7, 9))
     played = play_policies(
         ("frontier-cost",), environment_of("mars"), config, {seed: seed for seed in range(200)}
@@ -128,9 +140,9 @@ def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(study
     assert "1.41 between instances" in study("power", "mine")[1], "what was played is kept"
 
 
-def test_the_power_of_a_draft_is_shown_with_the_way_to_80_percent(study, tmp_path):
-    study("new", "mine", *SHORT)
-    before = (tmp_path / "playground.db-studies" / "mine" / "protocol.json").read_text()
+def test_the_power_of_a_draft_is_shown_with_the_way_to_80_percent(study, drafted, tmp_path):
+    draft = draft_of(tmp_path / "playground.db-studies", "mine")
+    before = draft.read_text()
     code, out, err = study("power", "mine", "--players", 8, "--difference", 12)
     assert (code, err) == (0, "")
     assert "better than people by 12 in steps to 99 % is seen in " in out
@@ -140,7 +152,7 @@ def test_the_power_of_a_draft_is_shown_with_the_way_to_80_percent(study, tmp_pat
         r"is seen in (\d+) % of studies, one that is worse by as much in (\d+) %", more
     )
     assert min(map(int, shares.groups())) > 75
-    assert (tmp_path / "playground.db-studies" / "mine" / "protocol.json").read_text() == before
+    assert draft.read_text() == before
 
 
 def test_the_papers_study_comes_with_a_text_to_recruit_with_and_a_page_of_things_to_do(
@@ -153,25 +165,30 @@ def test_the_papers_study_comes_with_a_text_to_recruit_with_and_a_page_of_things
     assert (draft.players, draft.warm_up, draft.ranked) == (10, 15, 30)
     assert (config.level, config.rows, config.cols) == ("random", 21, 21)
     folder = tmp_path / "playground.db-studies" / "koutras2021"
-    asked, todo = ((folder / name).read_text() for name in ("recruitment.txt", "checklist.md"))
-    assert str(folder / "recruitment.txt") in out
+    asked, todo = folder / "recruitment.txt", (folder / "checklist.md").read_text()
+    assert str(asked) in out
     assert str(folder / "checklist.md") in out
-    assert "10 people" in asked
-    assert "about 40 minutes" in asked
-    assert "{" not in asked + todo
+    assert "Each link is for one person" in asked.read_text()
+    assert "{" not in todo
     assert len(todo.splitlines()) < 60, "one page"
-    rehearsed = "--declarations", folder / "rehearsal.json"
+    rehearsed = "--declarations", folder / "rehearsal.toml"
     few = "--players", "4", "--policy", "frontier-cost"
     assert study("new", "rehearsal", *few, *rehearsed)[0] == 0
+    rehearsal = draft_of(tmp_path / "playground.db-studies", "rehearsal")
+    edit_draft(rehearsal, players=7, ranked=3)
     assert study("freeze", "rehearsal", "--underpowered")[0] == 0
-    for line in re.findall(r"`marsexplorer ([^`]+)`", todo):
+    asked = rehearsal.with_name("recruitment.txt")
+    assert "for 7 people" in asked.read_text()
+    assert "about 20 minutes" in asked.read_text(), "as the draft was edited"
+    commands = re.findall(r"`humanplay ([^`]+)`", todo)
+    assert len(commands) > 9
+    for line in commands:
         words = line.split()
         group = [*words[: 2 if words[0] == "study" else 1], "--help"]
         assert CliRunner().invoke(cli, group).exit_code == 0, line
 
 
-def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
-    study("new", "mine", *SHORT)
+def test_a_draft_is_shown_as_participants_would_read_it(study, drafted, tmp_path):
     edit(tmp_path, ranked=9)
     code, out, _ = study("show", "mine")
     assert (code, "{ranked}" in out) == (0, False)
@@ -188,8 +205,9 @@ def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
         ({"consent": {"text": "{runds}"}}, "unknown placeholder {runds}"),
     ],
 )
-def test_what_cannot_be_frozen_is_refused_with_the_way_out(study, tmp_path, changes, reason):
-    study("new", "mine", *SHORT)
+def test_what_cannot_be_frozen_is_refused_with_the_way_out(
+    study, drafted, tmp_path, changes, reason
+):
     edit(tmp_path, **changes)
     code, _, err = study("freeze", "mine")
     assert (code, reason in err, err.count("\n")) == (2, True, 1), err
@@ -197,9 +215,7 @@ def test_what_cannot_be_frozen_is_refused_with_the_way_out(study, tmp_path, chan
 
 
 def test_a_study_that_leaves_declarations_empty_is_told_which_and_not_frozen(study, tmp_path):
-    _, out, _ = study("new", "mine", *SHORT[:-2])
-    for name in DECLARATIONS:
-        assert name in out
+    study("new", "mine", *SHORT[:-2])
     for wrong in (
         {},
         {"pilots": " ", "ethics_review": "TODO: ask the board", "population": "TBD."},
@@ -211,21 +227,20 @@ def test_a_study_that_leaves_declarations_empty_is_told_which_and_not_frozen(stu
         assert {name for name in DECLARATIONS if name in err.split(":")[1]} == set(
             wrong or DECLARATIONS
         )
-        assert "protocol.json" in err
+        assert "protocol.toml" in err
         assert "--declarations FILE" in err
         assert Folder(tmp_path / "playground.db-studies").status("mine") == "draft"
     edit(tmp_path, declarations={**DECLARATIONS, "pilots": "none"})
     assert study("freeze", "mine")[0] == 0
 
 
-def test_people_who_leave_are_part_of_what_freezing_refuses(study, tmp_path):
-    study("new", "mine", *SHORT)
+def test_people_who_leave_are_part_of_what_freezing_refuses(study, drafted, tmp_path):
     edit(tmp_path, assumed_leaver_share=0.4)
     code, _, err = study("freeze", "mine")
     assert (code, "Below 50 % a study more likely misses" in err) == (2, True), err
     assert study("freeze", "mine", "--underpowered")[0] == 0
     frozen = Folder(tmp_path / "playground.db-studies").study("mine").protocol
-    assert (frozen.assumed_leaver_share, frozen.power.lower < 0.5) == (0.4, True)
+    assert (frozen.assumed_leaver_share, frozen.power.deciding_power < 0.5) == (0.4, True)
 
 
 def test_a_study_that_can_see_no_difference_is_told_to_plan_more_of_both(study, tmp_path):
@@ -236,52 +251,25 @@ def test_a_study_that_can_see_no_difference_is_told_to_plan_more_of_both(study, 
     assert ": plan more players and more ranked episodes; or freeze with --underpowered" in err
 
 
-def test_a_study_that_compares_no_policy_says_that_none_is_tested(study, tmp_path):
-    study("new", "mine", *SHORT)
+def test_a_study_that_compares_no_policy_says_that_none_is_tested(study, drafted, tmp_path):
     edit(tmp_path, policies=["random"])
     _, out, _ = study("power", "mine")
     assert "No policy is tested against people, so no difference is looked for." in out
 
 
 def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
-    path = tmp_path / "declared.json"
-    path.write_text(json.dumps({"poplation": "adults"}))
+    path = tmp_path / "declared.toml"
+    path.write_text('poplation = "adults"')
     code, _, err = study("new", "mine", *SHORT, "--declarations", path)
     reason = f"{path} declares 'poplation', which is none of contact, retention, population, "
     assert (code, reason in err, err.count("\n")) == (2, True, 1), err
-    path.write_text(json.dumps({"population": 3}))
+    path.write_text("population = 3")
     code, _, err = study("new", "mine", *SHORT, "--declarations", path)
     assert (code, "population must be" in err) == (2, True), err
     assert Folder(tmp_path / "playground.db-studies").names() == []
 
 
-def test_a_new_study_asks_for_each_declaration_on_a_terminal(tmp_path):
-    ours, theirs = pty.openpty()
-    database = ["--database", str(tmp_path / "playground.db")]
-    start = [sys.executable, "-c", "from humanplay.cli.main import main; main()"]
-    run = [*start, "study", "new", "mine", *SHORT[:-2], *database]
-    with subprocess.Popen(run, stdin=theirs, stdout=subprocess.PIPE, text=True) as process:
-        answers = ["Ada, ada@lab.example", "", *["none"] * (len(DECLARATIONS) - 2)]
-        os.write(ours, "".join(f"{answer}\n" for answer in answers).encode())
-        output, _ = process.communicate(timeout=60)
-    os.close(ours)
-    os.close(theirs)
-    assert process.returncode == 0
-    for name, field in Declarations.model_fields.items():
-        assert f"{name}: {field.description}" in output
-    declarations = Folder(tmp_path / "playground.db-studies").draft("mine").declarations
-    assert list(declarations.model_dump().values()) == answers
-    assert declarations.unanswered() == ["retention"]
-
-
-def test_the_guide_lists_every_declaration_with_its_question():
-    guide = (Path(__file__).parents[4] / "docs" / "study.md").read_text(encoding="utf-8")
-    for name, field in Declarations.model_fields.items():
-        assert f"| `{name}` | {field.description} |" in guide
-
-
-def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
-    study("new", "mine", *SHORT)
+def test_the_preregistration_names_everything_that_is_fixed(study, drafted, tmp_path):
     asked = {"recruitment": "panel", "outside_ids": ["PROLIFIC_PID"], "blocks": ["demographics"]}
     edit(tmp_path, **asked)
     code, draft, _ = study("preregister", "mine")
@@ -305,8 +293,7 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     assert max(map(len, text.splitlines())) < 2000
 
 
-def test_a_preregistration_says_when_figures_are_seen(study, tmp_path):
-    study("new", "mine", *SHORT)
+def test_a_preregistration_says_when_figures_are_seen(study, drafted, tmp_path):
     assert "shows no figure of people while the study is open" in study("preregister", "mine")[1]
     code, _, err = study("preregister", "mine", "--out", tmp_path / "no" / "such.md")
     assert (code, "cannot write" in err) == (1, True)

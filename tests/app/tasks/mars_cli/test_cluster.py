@@ -1,4 +1,4 @@
-"""Ray: a cluster that is not there is one sentence; on one that is, the table is the same and a call's error is its own."""
+"""Ray: the table is the same on a cluster, and a missing one is one sentence."""
 
 import importlib.util
 import subprocess
@@ -46,8 +46,8 @@ def test_the_table_is_the_one_made_without_ray_and_policy_files_travel(tmp_path)
     names = ["frontier-cost", "random", str(write_network(tmp_path / "mine.onnx"))]
     configs, calls = [CONFIG, replace(CONFIG, level="1-1-1")], []
     with Cluster(LOCAL) as cluster:
-        given = (names, configs, 12, 5, lambda *done: calls.append(done))
-        there = evaluate(*given, traces=True, executor=cluster)
+        arguments = (names, configs, 12, 5, lambda *done: calls.append(done))
+        there = evaluate(*arguments, traces=True, executor=cluster)
     assert there == evaluate(names, configs, 12, 5, traces=True)
     assert calls[-1] == (72, 72)
 

@@ -24,7 +24,7 @@ TINY = replace(
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Let the recipe be small enough for a test, and draw no curve; everything else is as it is."""
+    """Make the recipe small enough for a test, and draw no curve."""
     monkeypatch.setitem(RECIPES, "priced", TINY)
     monkeypatch.setattr(cards, "HELD_OUT_TERRAINS", 3)
     monkeypatch.setattr(run_folder, "VALIDATION_EPISODES", 8)
@@ -34,7 +34,7 @@ def quick(monkeypatch):
 
 @pytest.fixture
 def in_a_thread(monkeypatch):
-    """Play in a thread instead of a process: `research/refinement` has a test that takes processes."""
+    """Play in a thread, not a process; `research/refinement` tests with processes."""
     monkeypatch.setattr("humanplay.jobs.Jobs", lambda *_: ThreadPoolExecutor(1))
 
 
@@ -57,7 +57,7 @@ def test_the_card_has_the_command_and_the_figures_of_every_size(quick, in_a_thre
     assert done.exit_code == 0, done.output
     card = read_card(tmp_path / "mine" / "mine.onnx")
     assert card["command"] == f"marsexplorer train {' '.join(options)} --out mine"
-    terrains = {where: figures["terrains"] for where, figures in card["results"].items()}
+    terrains = {size: figures["terrains"] for size, figures in card["results"].items()}
     assert terrains == {"random 21x21": 3, "random 24x24": 2}
 
 
@@ -121,9 +121,9 @@ def test_sigterm_ends_a_run_like_ctrl_c_and_in_its_own_words_alone(tmp_path):
     with subprocess.Popen(command, cwd=tmp_path, env=environ, **pipes) as run:
         next(line for line in run.stdout if " moves, " in line)
         run.send_signal(signal.SIGTERM)
-        said = run.communicate(timeout=60)[0]
-    assert "go on with: marsexplorer train" in said
-    assert "leaked" not in said, "semaphores of its workers"
+        printed = run.communicate(timeout=60)[0]
+    assert "go on with: marsexplorer train" in printed
+    assert "leaked" not in printed, "semaphores of its workers"
 
 
 def test_a_run_that_is_too_short_to_learn_says_so(quick, in_a_thread, tmp_path):
@@ -141,7 +141,7 @@ def test_a_run_that_is_too_short_to_learn_says_so(quick, in_a_thread, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "part"),
+    ("setting", "part"),
     [
         ("speed=3", "expected FIELD=VALUE with a field of prior_scale,"),
         ("gamma", "expected FIELD=VALUE"),
@@ -151,8 +151,8 @@ def test_a_run_that_is_too_short_to_learn_says_so(quick, in_a_thread, tmp_path):
         ("rule_coef=1,2", "rule_coef takes 3 numbers with commas, got '1,2'"),
     ],
 )
-def test_a_setting_that_cannot_be_is_refused_in_words(given, part, tmp_path):
-    refused = CliRunner().invoke(cli, ["train", "--set", given, "--out", str(tmp_path / "new")])
+def test_a_setting_that_cannot_be_is_refused_in_words(setting, part, tmp_path):
+    refused = CliRunner().invoke(cli, ["train", "--set", setting, "--out", str(tmp_path / "new")])
     assert refused.exit_code == 2
     assert part in " ".join(refused.output.split()).replace("│ ", "").replace(" │", "")
     assert not (tmp_path / "new").exists()

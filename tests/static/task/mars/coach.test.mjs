@@ -29,7 +29,7 @@ test("the first moves name what they uncovered, and each piece of advice comes o
 test("danger comes before all other advice", () => {
   const rock = frame({ step: 2, grid: ["@#...", ".....", "?????", "?????"] });
   assert.match(hintAfter(before, rock, nobody).line, /rock is right in front of you. Hitting it ends the episode/);
-  assert.match(hintAfter(before, rock, new Set(["rock", "first"])).line, /Pale blocks are rocks/);
+  assert.match(hintAfter(before, rock, new Set(["rock", "first"])).line, /There are rocks on the map/);
   const said = hintAfter(before, { ...rock, step: 1 }, nobody);
   assert.equal(said.id, "rock", "also where the very first move ends before a rock");
   assert.match(hintAfter(frame(), rock, new Set([said.id])).line, /Your lidar uncovers/, "which leaves nobody without the first sentence");

@@ -12,6 +12,7 @@ test("a mistake is one plain sentence: what was done, what was better, and what 
     + "going south would soon have shown 2 unknown cells to the south-east, which you saw only 38 moves later.");
   assert.equal(sentenceOf(mistake({ cost: 1, action: "north", seen_at: null, missed: [[1, 0]] })), "Move 23 cost 1 move: you turned north; "
     + "going south would soon have shown 1 unknown cell to the south, which you never saw.");
+  assert.match(sentenceOf(mistake({ seen_at: null })), /2 unknown cells to the south-east, some of which you never saw\.$/);
   assert.equal(sentenceOf(mistake({ action: "east", missed: [], kind: "last cells" })), "Move 23 cost 4 moves: you went on east; "
     + "going south was the shorter way to the last cells.");
   assert.equal(sentenceOf(mistake({ first: 0, last: 0, step: 0, previous: null, missed: [] })), "Move 1 cost 4 moves: you began by going west; going south was the shorter way.");

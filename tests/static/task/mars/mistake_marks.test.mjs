@@ -5,18 +5,49 @@ import { boardBefore } from "../../../../static/task/mars/costs.js";
 
 const at = (row, col) => ({ position: [row, col] });
 
-test("numbers stand at their cells, and aside where another stands there already", () => {
-  const [first, second, third] = placeMarks([at(2, 3), at(2, 3), at(9, 9)], 20, 10);
-  assert.deepEqual(first, { x: 70, y: 50 });
-  assert.ok(Math.hypot(second.x - first.x, second.y - first.y) >= 19);
-  assert.deepEqual(third, { x: 190, y: 190 });
+const SHAPE = { rows: 12, cols: 12 };
+
+test("numbers stand beside their cells within the board, and hide neither the rover nor one another", () => {
+  for (const cells of [[[2, 3], [2, 3], [9, 9]], [[0, 0], [0, 0]], [[11, 11], [11, 11], [11, 10]]]) {
+    const places = placeMarks(cells.map(([row, col]) => at(row, col)), SHAPE, 20, 10);
+    for (const [index, { x, y }] of places.entries()) {
+      assert.ok(Math.min(x, y) >= 10 && Math.max(x, y) <= 230, "within the board");
+      for (const [row, col] of cells) assert.ok(Math.max(Math.abs(x - 20 * col - 10), Math.abs(y - 20 * row - 10)) >= 17, "off the cells");
+      for (const other of places.slice(index + 1)) assert.ok(Math.hypot(other.x - x, other.y - y) >= 20, "off one another");
+    }
+  }
+});
+
+test("the head of an arrow stays on the board, also of a move over its edge", () => {
+  for (const [position, action, expert_action] of [[[0, 3], "north", "west"], [[1, 3], "north", "south"], [[11, 11], "south", "east"]]) {
+    const points = [];
+    const add = (x, y) => points.push(x, y);
+    const context = new Proxy({ moveTo: add, lineTo: add }, { get: (own, name) => own[name] ?? (() => {}), set: () => true });
+    paintMistakeMarks(context, { mistakes: [{ position, action, expert_action, missed: [] }], chosen: 0 }, 20,
+      { ...SHAPE, made: "red", better: "green", casing: "black", dpr: 1 });
+    assert.ok(points.length && Math.min(...points) >= 0 && Math.max(...points) <= 240, `${position} ${action}: ${points}`);
+  }
+});
+
+test("until one is chosen no arrow hides another: each number is led to its cell", () => {
+  const drawn = [];
+  const context = new Proxy({ moveTo: (...point) => drawn.push(["from", ...point]), closePath: () => drawn.push(["head"]) }, { get: (own, name) => own[name] ?? (() => {}), set: () => true });
+  const mistakes = [[1, 0], [1, 0], [2, 0]].map(([row, col]) => ({ ...at(row, col), action: "north", expert_action: "south", missed: [] }));
+  const look = { ...SHAPE, made: "red", better: "green", casing: "black", dpr: 1 };
+  paintMistakeMarks(context, { mistakes, chosen: null }, 20, look);
+  assert.deepEqual(drawn.filter(([kind]) => kind === "head"), []);
+  assert.deepEqual(new Set(drawn.map(([, x, y]) => `${x} ${y}`)), new Set(["10 50", "10 30"]));
+  drawn.length = 0;
+  paintMistakeMarks(context, { mistakes, chosen: 1 }, 20, look);
+  assert.ok(drawn.some(([kind]) => kind === "head"), "the chosen one has its two arrows");
 });
 
 test("a number is found by a point near it, and by no other", () => {
   const mistakes = [at(2, 3), at(9, 9)];
-  assert.equal(numberAt(mistakes, { x: 75, y: 44 }, 20, 1), 0);
-  assert.equal(numberAt(mistakes, { x: 190, y: 190 }, 20, 1), 1);
-  assert.equal(numberAt(mistakes, { x: 130, y: 130 }, 20, 1), null);
+  const [first, second] = placeMarks(mistakes, SHAPE, 20, markRadius(20, 1));
+  assert.equal(numberAt(mistakes, SHAPE, { x: first.x + 5, y: first.y - 6 }, 20, 1), 0);
+  assert.equal(numberAt(mistakes, SHAPE, second, 20, 1), 1);
+  assert.equal(numberAt(mistakes, SHAPE, { x: 130, y: 110 }, 20, 1), null);
   assert.ok(markRadius(4, 2) >= 17, "and it stays large enough for a finger on small cells");
 });
 
@@ -45,7 +76,7 @@ test("a puzzle's answer is arrows alone, without a number", () => {
   const texts = [];
   const context = new Proxy({ fillText: (text) => texts.push(text) }, { get: (own, name) => own[name] ?? (() => {}), set: () => true });
   const mistakes = [{ ...at(2, 3), action: "north", expert_action: "east", missed: [] }];
-  const look = { made: "red", better: "green", casing: "black", dpr: 1 };
+  const look = { ...SHAPE, made: "red", better: "green", casing: "black", dpr: 1 };
   for (const hasNumbers of [true, false]) paintMistakeMarks(context, { mistakes, chosen: 0, hasNumbers }, 20, look);
   assert.deepEqual(texts.map(String), ["1"]);
 });

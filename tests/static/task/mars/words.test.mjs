@@ -51,12 +51,10 @@ const board = (changes = {}) => ({ episode: "e", step: 60, rows: 3, cols: 4, gri
 
 test("the comparison says what the other one needed", () => {
   const mine = board({ outcome: "explored" });
-  assert.equal(words.compare(mine, board({ outcome: "explored", step: 70 }), "ppo"), "ppo needed 70 moves.");
-  assert.equal(words.compare(mine, board({ outcome: "explored", step: 59 }), "ppo"), "ppo needed 59 moves.");
-  assert.equal(words.compare(mine, board({ outcome: "explored" }), "ppo"), "", "the headline says it");
+  assert.equal(words.compare(mine, board({ outcome: "explored", step: 70 }), "ppo"), "", "the line below the headline says it");
   assert.match(words.compare(mine, board(), "ppo"), /still exploring: 60 moves, 50.0 %/);
   assert.match(words.compare(mine, board({ outcome: "timed_out" }), "ppo"), /did not reach 99 %: out of moves/);
-  assert.equal(words.compare(mine, board({ outcome: "explored", step: 70 }), "Your replay"), "Your replay needed 70 moves.");
+  assert.equal(words.compare(board({ outcome: "collided" }), board({ outcome: "explored", step: 70 }), "Your replay"), "Your replay reached 99 % in 70 moves.");
   assert.match(words.compare(mine, board({ outcome: "timed_out" }), "A script"), /^A script did not reach 99 %/);
   assert.equal(words.compare(mine, null, "ppo"), "");
 });
@@ -115,6 +113,7 @@ test("the headline of an end says who did better, a crash and a limit that", () 
     [end("collided", 3), end("timed_out", 441), "Nearest", "Neither mapped 99 %"],
   ];
   for (const [mine, theirs, watched, title] of cases) assert.equal(words.verdict(mine, theirs, "Expert", watched)?.title, title);
-  assert.equal(words.verdict(end("explored", 85), end("explored", 64), "Expert", null)?.line, "You needed 85 moves.");
-  assert.equal(words.verdict(end("explored", 76), end("explored", 64), "Expert", "Nearest")?.line, "Nearest needed 76 moves.");
+  assert.equal(words.verdict(end("explored", 85), end("explored", 64), "Expert", null)?.line, "You needed 85 moves, Expert 64.");
+  assert.equal(words.verdict(end("explored", 76), end("explored", 64), "Expert", "Nearest")?.line, "Nearest needed 76 moves, Expert 64.");
+  assert.equal(words.verdict(end("explored", 60), end("explored", 60), "Expert", null)?.line, "You needed 60 moves.", "once");
 });

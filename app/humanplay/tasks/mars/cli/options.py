@@ -18,7 +18,7 @@ P = ParamSpec("P")
 
 def levels_option(*default: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
     """Return the option --level, which a command gets as `levels`, a tuple of names."""
-    text = "random, t-m-b from 1-1-1 to 3-2-2, building, cave, or all but these two; repeatable."
+    text = "random, t-m-b from 1-1-1 to 3-2-2, building, cave, or all, which leaves these two out; repeatable."
     return option("--level", "levels", multiple=True, default=default, help=text)
 
 

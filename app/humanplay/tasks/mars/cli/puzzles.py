@@ -95,5 +95,6 @@ def _row(number: int, puzzle: Puzzle) -> dict[str, object]:
         "error": round(puzzle.error, 2),
         "terrains": puzzle.terrains,
         "here": puzzle.here,
+        "shows": puzzle.shows,
     }
     return {"id": str(number), "frame": frame, "trail": puzzle.trail, "answer": answer}
