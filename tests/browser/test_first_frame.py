@@ -5,9 +5,12 @@ Both boards stand level.
 
 import pytest
 
-from tests.support.browser import AS_A_PERSON, NO_3D, WATCH_SHIFTS
+from tests.support.browser import AS_A_PERSON, NO_3D, WATCH_SHIFTS, free_port
+from tests.support.nginx import PREFIXED
 
 MOST_SHIFT = 0.05
+SHIFT_OF_WORDS = 0.005
+"""Of a label that gets its words, in a place that stays."""
 FRAMES = """() => {
   window.frames_shown = []
   const frame = new MessageChannel()
@@ -36,6 +39,17 @@ def test_nothing_moves_when_the_board_comes(server, player, width, height, is_ne
     me.goto()
     me.page.wait_for_timeout(500)
     assert me.page.evaluate("() => window.shift") < MOST_SHIFT
+
+
+def test_nothing_moves_while_the_page_arrives_in_parts(serve, player, nginx):
+    server, port = serve(trusted_proxies=["127.0.0.1"]), free_port()
+    slowly = PREFIXED.replace("proxy_http_version", "limit_rate 60k; proxy_http_version")
+    nginx(slowly.format(folder="{folder}", port=port, upstream=server.port))
+    page = f"https://localhost:{port}/mars"
+    me = player(page, NO_3D, 390, 844, is_new=False, ignore_https_errors=True)
+    me.page.add_init_script(WATCH_SHIFTS)
+    me.goto()
+    assert me.page.evaluate("() => window.shift") < SHIFT_OF_WORDS
 
 
 @pytest.mark.parametrize(("width", "height"), [(1440, 900), (820, 1180), (390, 844), (320, 640)])

@@ -85,7 +85,7 @@ def walk(me, look):
     look("give-up")
     page.get_by_test_id("give-up-now").click()
     page.get_by_test_id("end-card").wait_for(state="visible")
-    me.wait("window.study.state.participant.about.frame.outcome")
+    me.wait("window.study.painted.participant.about.frame.outcome")
     look("ranked-end")
     page.keyboard.press("Enter")
     me.stands("break")

@@ -50,7 +50,7 @@ def test_whoever_does_not_pass_tries_again_and_reads_why_it_is_over(practising):
     for is_last in (False, True):
         gives_up(person)
         person.page.get_by_test_id("end-card").wait_for(state="visible")
-        person.wait("window.study.state.participant.about.frame.outcome")
+        person.wait("window.study.painted.participant.about.frame.outcome")
         card = person.page.get_by_test_id("end-card").inner_text()
         assert ("another try follows" in card) == is_last
         if is_last:
@@ -63,7 +63,7 @@ def test_whoever_does_not_pass_tries_again_and_reads_why_it_is_over(practising):
     person.choose("begin")
     gives_up(person)
     person.page.get_by_test_id("end-card").wait_for(state="visible")
-    person.wait("window.study.state.participant.about.frame.outcome")
+    person.wait("window.study.painted.participant.about.frame.outcome")
     person.page.keyboard.press("Enter")
     gives_up(person)
     person.stands("withdrawn")
@@ -83,7 +83,7 @@ def test_whoever_passes_goes_on_to_what_counts(practising):
     person.page.keyboard.press("Enter")
     gives_up(person)
     person.page.get_by_test_id("end-card").wait_for(state="visible")
-    person.wait("window.study.state.participant.about.frame.outcome")
+    person.wait("window.study.painted.participant.about.frame.outcome")
     assert (
         "That was the last terrain of the warm-up."
         in person.page.get_by_test_id("end-card").inner_text()

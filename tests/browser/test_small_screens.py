@@ -252,10 +252,12 @@ def test_the_page_of_ones_own_episodes_is_whole_on_a_small_phone_and_fills_a_wid
     page.set_viewport_size({"width": 1440, "height": 900})
     page.locator("#streaks li").first.wait_for()
     picture = """() => document.querySelector("#pictures canvas").toDataURL()"""
+    page.locator("#pictures canvas").first.wait_for()
+    light = page.evaluate(picture)
     page.emulate_media(color_scheme="dark")
-    drawn = page.evaluate(picture)
+    eventually(lambda: page.evaluate(picture) != light)  # in the colours of the page
     page.emulate_media(color_scheme="light")
-    eventually(lambda: page.evaluate(picture) != drawn)  # in the colours of the page
+    eventually(lambda: page.evaluate(picture) == light)
     name, streaks, history = (
         page.locator(part).bounding_box() for part in ("#name-part", "#streaks-part", "#history")
     )

@@ -127,7 +127,7 @@ class Participant(Player):
         while self.frame["outcome"] is None:
             self.press(self.next_action())
         self.page.get_by_test_id("end-card").wait_for(state="visible")
-        self.wait("window.study.state.participant.about.frame.outcome")
+        self.wait("window.study.painted.participant.about.frame.outcome")
         return self.frame
 
     def driving(self):
@@ -426,7 +426,7 @@ def test_a_study_without_questions_goes_on_to_its_warm_up(serve, studies, partic
     me.driving()
     me.press("north")  # over the edge
     me.page.get_by_test_id("next").get_by_text("Go on", exact=True).wait_for()
-    me.wait("window.study.state.participant.about.frame.outcome")
+    me.wait("window.study.painted.participant.about.frame.outcome")
     me.page.keyboard.press("Enter")
     me.stands("ready")
     assert me.state("participant.stage") == "warm_up"
@@ -511,7 +511,7 @@ def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, t
     last = "select outcome from episodes order by number desc limit 1"
     assert rows(tmp_path, last) == [("abandoned",)]
     me.page.get_by_test_id("end-card").wait_for(state="visible")
-    me.wait("window.study.state.participant.about.frame.outcome")
+    me.wait("window.study.painted.participant.about.frame.outcome")
     me.page.keyboard.press("Enter")
     me.driving()
     assert me.frame["step"] == 0
@@ -545,7 +545,7 @@ def test_leaving_waits_for_the_answer_that_is_due(serve, studies, participant, t
     me.choose("open-give-up")
     me.choose("give-up-now")
     me.page.get_by_test_id("end-card").wait_for(state="visible")
-    me.wait("window.study.state.participant.about.frame.outcome")
+    me.wait("window.study.painted.participant.about.frame.outcome")
     me.page.evaluate(HOLD_NEXT)
     me.page.keyboard.press("Enter")
     me.driving()

@@ -131,7 +131,7 @@ class Walker(Participant):
 
     def passes_the_end(self):
         self.page.get_by_test_id("end-card").wait_for(state="visible")
-        self.wait("window.study.state.participant.about.frame.outcome")
+        self.wait("window.study.painted.participant.about.frame.outcome")
         self.page.keyboard.press("Enter")
 
     def to_the_code(self, text=None):
