@@ -38,7 +38,7 @@ OWN = "protocol."
 DRY_RUN = "{title} (dry run)"
 """The title of a dry run; `{title}` is the study's."""
 _DECLARED = ("retention", "contact")
-"""The declarations that the consent text repeats."""
+"""The declarations that the consent text repeats; whom to write to stands where somebody has left, too."""
 NOUNS = {"{round}", "{rounds}", "{Round}", "{thing}", "{things}"}
 """Placeholders of nouns, which a language may need to put otherwise."""
 _PLACEHOLDER = re.compile(r"\{\w+\}")
@@ -153,13 +153,15 @@ def collect(template: Protocol, folder: Path, language: str) -> LanguageTexts:
             fields[part] = changed_texts(part, fields[part], translate)
     declared = template.declarations.model_dump()
     for name in _DECLARED:
-        if f"{{{name}}}" in template.consent.text:
+        if name == "contact" or f"{{{name}}}" in template.consent.text:
             ident = f"{OWN}declarations.{name}"
             text = templates[ident] = theirs.get(ident, declared[name])
             is_asked = name == "retention" or ident in theirs
             if ident not in ours and is_asked and not is_first and text:
                 missing[ident] = text
             declared[name] = ours.get(ident, text)
+            if ident in ours:
+                texts[ident] = ours[ident].rstrip(".")  # it is said within a sentence, too
     _check_own(path_of(folder, language), ours, wanted | templates, is_first)
     texts |= {ident: text for ident, text in ours.items() if ident not in wanted | templates}
     spoken = parse_protocol({**fields, "declarations": declared})

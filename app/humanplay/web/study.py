@@ -37,7 +37,7 @@ from humanplay.study.protocol_arms import Arm
 from humanplay.study.questions import shown
 from humanplay.study.recruitment import LONGEST_ID, Arrival, supervised_until_ms
 from humanplay.study.templates import placeholder_values
-from humanplay.study.translation import localized
+from humanplay.study.translation import localized, own_sentence
 from humanplay.study.wording import Wording, preferred, software_wording, wording_of
 from humanplay.task import describe
 from humanplay.task.sentences import Sentence, sentence_of
@@ -478,12 +478,12 @@ def _note(
             text = WITHDRAWN_AND_KEPT
         elif progress.study_store.asks_erasure(participant.id):
             text = WITHDRAWN_TO_ERASE
-        # a rehearsal may name nobody
-        contact = study.protocol.declarations.contact.rstrip(".") or WHOEVER_INVITED
+        contact = study.protocol.declarations.contact.rstrip(".")
         opening = None if ending is None else OPENINGS.get(ending.outcome)
         return text.format(
             opening=opening or WITHDRAWN_ANYHOW,
-            contact=contact,
+            # a rehearsal may name nobody
+            contact=own_sentence("declarations.contact", contact) if contact else WHOEVER_INVITED,
             label=participant_label(participant.id),
         )
     if not study.is_running and participant.stage not in ("debrief", "complete"):

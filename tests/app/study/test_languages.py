@@ -201,6 +201,7 @@ def test_a_refusal_and_what_explains_a_wrong_answer_are_in_the_language_too(serv
     assert asked["questions"][0]["question"] == "Was beendet eine Runde sofort?"
     left = me.call("withdraw")
     assert left["note"].startswith("Sie haben Ihre Teilnahme beendet.")
+    assert "schreiben Sie an niemand, das ist ein Test" in left["note"]
 
 
 def test_the_platforms_sentence_and_the_practice_are_in_the_language(serve, root):
