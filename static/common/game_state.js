@@ -60,10 +60,11 @@ export function received(task, board, message) {
   }
 }
 
-/** @param {GameState} state @param {string} text @param {"error" | "note"} tone @returns {GameState} */
-function noticed(state, text, tone) {
+/** @param {GameState} state @param {string} text @param {"error" | "note"} tone @param {Role | null} role of the board that waits for
+ * what it says, null where none does @returns {GameState} */
+function noticed(state, text, tone, role) {
   const others = state.notices.filter((notice) => notice.text !== text);
-  return { ...state, notices: [...others, { id: state.nextNotice, text, tone }].slice(-3), nextNotice: state.nextNotice + 1 };
+  return { ...state, notices: [...others, { id: state.nextNotice, text, tone, role }].slice(-3), nextNotice: state.nextNotice + 1 };
 }
 
 /** Return the state with the opponent of a challenge on the second board: as far as the player, to its end once theirs has ended.
@@ -122,13 +123,14 @@ function applied(state, event) {
       if (isOver && next.rival?.isReplay) next.rival = null;
       if (event.message.kind === "error") {
         const { detail } = event.message;
-        return noticed(next, plainly(state.task, spoken(event.message, detail)), isGettingReady(detail) ? "note" : "error");
+        const isWait = isGettingReady(detail);
+        return noticed(next, plainly(state.task, spoken(event.message, detail)), isWait ? "note" : "error", isWait ? event.role : null);
       }
       const isMoved = (next[event.role]?.frame.step ?? 0) > (state[event.role]?.frame.step ?? 0);
       return isMoved && state.notices.length ? { ...next, notices: state.notices.filter(({ text }) => !isGettingReady(text)) } : next;
     }
     case "link": return { ...state, link: event.link };
-    case "notice": return noticed(state, event.text, event.tone ?? "error");
+    case "notice": return noticed(state, event.text, event.tone ?? "error", event.role ?? null);
     case "challenged": return { ...state, opponent: event.opponent };
     case "moved": return state.notices.length ? { ...state, notices: [] } : state; // what they said was read before the key
     case "dismiss": return { ...state, notices: state.notices.filter(({ id, text }) => id !== event.id && text !== event.text) };

@@ -74,7 +74,7 @@ type Board = {
 type GameState = {
   mode: Mode, level: string, size: Size, counts: boolean, player: Board | null,
   rival: Board | null, link: "connecting" | "open" | "lost", task: Task | null,
-  notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number, opponent: Opponent | null,
+  notices: {id: number, text: string, tone: "error" | "note", role: Role | null}[], nextNotice: number, opponent: Opponent | null,
   challenges: string | null,
 };
 /** What was done before on the terrain of one's own `episode`, which is to be beaten. */
@@ -82,7 +82,7 @@ type Opponent = {episode: string, course: Course};
 /** What can happen to the page itself; server messages arrive as `{kind: "received", role, message}`. */
 type GameEvent = {kind: "begun", about: About} | {kind: "received", role: Role, message: FromServer}
   | {kind: "link", link: GameState["link"]} | {kind: "watched", watched: Watched, name: string}
-  | {kind: "replay", episode: string, about: About} | {kind: "notice", text: string, tone?: "error" | "note"}
+  | {kind: "replay", episode: string, about: About} | {kind: "notice", text: string, tone?: "error" | "note", role?: Role}
   | {kind: "dismiss", id?: number, text?: string} | {kind: "moved"} | {kind: "challenged", opponent: Opponent};
 type Action = string;
 /** A position, (row, col), row 0 at the north edge. */

@@ -11,7 +11,7 @@ import { many, notCounted } from "../common/words.js";
 import { askedIn, createEntries } from "./address.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
-import { createPanel, endOf, hasStage, hasTwoBoards, isFresh, offerPolicies, paintBar, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
+import { createPanel, endOf, hasStage, hasTwoBoards, isFresh, offerPolicies, paintBar, paintPace, paintPanel, paintPick, paintWaits, startDialog, startPace, startTabs } from "./panels.js";
 import { createLeaving, createSessions, findBoard, isUnfinished, modeOn, patiently, sessionWish, showInstead } from "./sessions.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
@@ -66,12 +66,18 @@ const repaint = createRepaint((isWhole) => {
 });
 addEventListener("theme", () => repaint(true));
 
+/** Say what a board waits for on that board, so that it covers nothing to press, and the rest at the edge of the page. */
+function paintAllNotices() {
+  for (const role of ROLES) paintWaits(panels[role], state.notices);
+  paintNotices(by("notices"), state.notices.filter(({ role }) => !role), dismiss);
+}
+
 /** @param {ApiError} error while nothing is known that could be shown */
 function onFailure({ status, message }) {
   if (status !== 0) dispatch({ kind: "notice", text: message });
   dispatch({ kind: "link", link: "lost" });
   paintLink(by("link"), "lost", "live");
-  paintNotices(by("notices"), state.notices, dismiss);
+  paintAllNotices();
 }
 
 const entries = createEntries(window, {
@@ -235,7 +241,7 @@ function paint() {
   paintBar(state, wish()?.rival ?? "");
   paintEnd();
   if (state.player !== before?.player || state.rival !== before?.rival) dueCurves(); // once the card has taken its room
-  if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
+  if (state.notices !== before?.notices) paintAllNotices();
 }
 
 function paintEnd() {

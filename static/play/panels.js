@@ -45,6 +45,12 @@ export function paintPanel({ role, root, part }, task, board) {
   root.dataset.outcome = board.frame.outcome ?? "running";
 }
 
+/** Say on a board what it waits for.
+ * @param {Play.Panel} panel @param {GameState["notices"]} notices */
+export function paintWaits({ role, part }, notices) {
+  put(part.waits, notices.filter((notice) => notice.role === role).map(({ text }) => text).join(" "));
+}
+
 /** Offer the policies that a board can be given.
  * @param {Play.Panel} panel @param {Task} task @param {string[]} names */
 export function offerPolicies({ part }, task, names) {

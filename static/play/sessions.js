@@ -147,7 +147,7 @@ export function createSessions({ api, wish, dispatch, storage, place, onBegun })
       const why = (await api.health().catch(() => null))?.getting_ready;
       if (!why || !isBusy) return;
       text = `${why[0]?.toUpperCase()}${why.slice(1)}.`;
-      note(text);
+      dispatch({ kind: "notice", text, tone: "note", role: "player" });
     }, 1000);
     await attempt(work);
     clearTimeout(late);

@@ -37,6 +37,17 @@ ROWS_ARE_FULL = """() => {
     return edges.size === 1 && [...ends.values()].every((end) => Math.abs(end - right(".gallery")) <= 1);
 }"""
 """Whether every row of pictures ends where the others do, and so does every panel."""
+COVERED = """(covers) => {
+    const shown = (part) => part.checkVisibility() && part.getBoundingClientRect().width > 0;
+    const over = covers.flatMap((name) => [...document.querySelectorAll(name)]).filter(shown);
+    const parts = document.querySelectorAll("a, button, input, select, .goal, .standing");
+    return [...parts].filter(shown).filter((part) => !over.some((cover) => cover.contains(part))).filter((part) => {
+        const [here, rest] = [part.getBoundingClientRect(), over.map((cover) => cover.getBoundingClientRect())];
+        return rest.some(({ left, right, top, bottom }) =>
+            here.left < right && here.right > left && here.top < bottom && here.bottom > top);
+    }).map((part) => part.closest(".pad, .modes, .goal")?.className.split(" ")[0] ?? part.textContent.trim());
+}"""
+"""The names of what can be pressed or says what to do, where something stands over it."""
 CUT = "(part) => part.scrollWidth > part.clientWidth || part.scrollHeight > part.clientHeight"
 
 
@@ -84,6 +95,40 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
     ways = [way.bounding_box()["y"] for way in page.locator(".done .buttons > *").all()]
     assert len(ways) == 3, "to today's terrain, to share it, and to play"
     assert len(set(ways)) == 1, "one row"
+
+
+def test_on_a_fresh_machine_a_phone_says_why_it_waits_on_the_board_and_covers_nothing_to_press(
+    small,
+):
+    page, held = small.page, []
+
+    def is_compiling(route):
+        answer = route.fetch()
+        reason = {"getting_ready": "getting ready: this is compiled for this machine once"}
+        route.fulfill(response=answer, json={**answer.json(), **reason})
+
+    page.route("**/api/health", is_compiling)
+    page.route("**/api/sessions", lambda route: held.append(route))
+    page.goto(f"{small.url}/")
+    waits = page.get_by_test_id("waits-player")
+    waits.get_by_text("Getting ready: this is compiled for this machine once.").wait_for()
+    for width, height in ((1440, 900), (820, 1180), (390, 844), SMALL):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.evaluate(COVERED, ["[data-testid^=waits]", ".notices p"]) == [], width
+    held.pop().continue_()
+    small.wait("window.playground.state.player && window.playground.state.link === 'open'")
+    small.shows("waits-player", "")
+
+
+def test_on_a_phone_a_notice_leaves_the_goal_and_the_arrows_in_sight(small):
+    page = small.page
+    page.goto(f"{small.url}/?level=nowhere")
+    small.wait("window.playground.state.player && window.playground.state.link === 'open'")
+    page.get_by_test_id("notices").get_by_text("What this address asks for").wait_for()
+    for width, height in ((1440, 900), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        covered = page.evaluate(COVERED, [".notices"])
+        assert not {"goal", "pad"} & set(covered), width
 
 
 def test_on_a_phone_the_prompt_covers_no_cell_of_the_board(small):

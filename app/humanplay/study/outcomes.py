@@ -187,11 +187,14 @@ def _return_it(payment: Payment | None, outcome: Outcome) -> str:
     """What a participant from Prolific reads at an outcome without a code."""
     amount = 0.0 if payment is None else payment.outcomes.get(outcome, 0.0)
     if payment is not None and amount and payment.is_fixed(outcome):
-        return _RETURN_FOR.format(amount=f"{amount:.2f} {payment.currency}")
+        whole, hundredths = f"{amount:.2f}".split(".")
+        money = _AMOUNT.format(whole=whole, hundredths=hundredths, currency=payment.currency)
+        return _RETURN_FOR.format(amount=money)
     return _RETURN
 
 
 _RETURN = Sentence("outcome.return", "Please return your submission on Prolific.")
+_AMOUNT = Sentence("outcome.amount", "{whole}.{hundredths} {currency}")
 _RETURN_FOR = Sentence(
     "outcome.return_for",
     "Please return your submission on Prolific. You get {amount} as a bonus.",
