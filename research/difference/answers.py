@@ -150,16 +150,18 @@ def table(records: Records) -> str:
     ordered = sorted(records.values(), key=lambda record: kind_of(record.training), reverse=True)
     for kind, group in groupby(ordered, lambda record: kind_of(record.training)):
         same_kind = list(group)
-        moves = min(record.lines[-1]["moves"] for record in same_kind)
+        moves = low_to_high([record.lines[-1]["moves"] for record in same_kind], "{:,}".format)
         columns = [
             low_to_high([record.last(name) for record in same_kind], per_cent) for name in COLUMNS
         ]
         results = [record.result for record in same_kind if record.result]
         for name in HELD_OUT:
             shares = [result[name] for result in results]
-            columns.append(low_to_high(shares, tenths) if results else "")
+            span = low_to_high(shares, tenths) if results else ""
+            ended = f" ({len(results)} of {len(same_kind)} seeds)"
+            columns.append(span + ended * (0 < len(results) < len(same_kind)))
         is_sweep = sweeps([record.last("coverage") for record in same_kind])
-        rows.append([*kind, str(len(same_kind)), f"{moves:,}", *columns, "yes" if is_sweep else ""])
+        rows.append([*kind, str(len(same_kind)), moves, *columns, "yes" if is_sweep else ""])
     return without_constants([*head, *COLUMNS, *HELD_OUT, "sweeps"], rows)
 
 
