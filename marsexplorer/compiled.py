@@ -10,6 +10,7 @@ numba's cache.
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import sys
@@ -75,6 +76,7 @@ class Compiling:
         self._is_said = multiprocessing.parent_process() is not None
         self._depth = self._depth_at_lock = 0
         self._lock: int | None = None
+        self._is_collecting = False
 
     @property
     def is_locked(self) -> bool:
@@ -100,6 +102,10 @@ class Compiling:
 
     def began(self) -> None:
         """Count a compilation that begins; print the notice before the first."""
+        if self._depth == 0:
+            # Looking for garbage among all that numba allocates takes a tenth of the time.
+            self._is_collecting = gc.isenabled()
+            gc.disable()
         self._depth += 1
         if not self._is_said:
             self._is_said = True
@@ -108,6 +114,8 @@ class Compiling:
     def ended(self, is_failed: bool) -> None:
         """Count a compilation that ended, and unlock if it failed."""
         self._depth -= 1
+        if self._depth == 0 and self._is_collecting:
+            gc.enable()
         if is_failed:
             self.unlock()
 

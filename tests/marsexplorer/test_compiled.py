@@ -101,3 +101,23 @@ def test_a_process_compiles_when_no_other_does_and_both_find_what_either_has_com
     for kind in ("int64", "float64"):
         with doubling(tmp_path, kind) as warm:
             assert warm.communicate()[1] == ""
+
+
+def test_no_garbage_is_looked_for_while_a_kernel_compiles_and_afterwards_it_is(tmp_path):
+    code = """
+import gc
+from marsexplorer.compiled import compiling
+depths = []
+gc.callbacks.append(lambda phase, info: depths.append(compiling._depth))
+import marsexplorer.warmup
+marsexplorer.warmup.step_once()
+print(len(depths) > 0, max(depths), gc.isenabled())
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.split() == ["True", "0", "True"]

@@ -208,6 +208,7 @@ class AnnouncingServer(uvicorn.Server):
         await super().startup(sockets)
         gc.collect()
         gc.freeze()  # what is there now stays for ever, and is not looked at again while people play
+        gc.enable()  # `serve` looks for no garbage while it starts
         if self.started:
             print(f"The playground is open at {self._address} (Ctrl-C closes it)", flush=True)
             self._opened(self._address)
