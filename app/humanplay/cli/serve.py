@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def _without_collecting() -> Iterator[None]:
-    """Look for no garbage: nearly all that a start makes stays, and the search takes a tenth of it.
+    """Look for no garbage during a start.
 
-    The server looks again once it answers (`AnnouncingServer`).
+    Nearly all that it makes stays, and the search takes a tenth of it. The server looks again once
+    it answers (`AnnouncingServer`).
     """
     gc.disable()
     try:
