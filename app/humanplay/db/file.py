@@ -253,9 +253,13 @@ class DatabaseLock:
             self._lock_file = None
 
 
-def in_use_error(path: Path) -> StoreError:
+class InUseError(StoreError):
+    """Another server holds the database."""
+
+
+def in_use_error(path: Path) -> InUseError:
     """The error of a database that another server holds."""
-    return StoreError(f"{path} is in use by another server: stop it or give another --database")
+    return InUseError(f"{path} is in use by another server: stop it or give another --database")
 
 
 class Note(NamedTuple):

@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import sys
+import time
 from contextlib import closing, suppress
 from multiprocessing.connection import Connection
 from threading import Thread
@@ -18,6 +19,7 @@ from humanplay.board.sources import PlayerTokens, Sources
 from humanplay.cli.pilot.running import Answer, Request
 from humanplay.db import names
 from humanplay.db.database import StoreError
+from humanplay.db.file import InUseError
 from humanplay.db.store import Store
 from humanplay.jobs import held
 from humanplay.tasks.gymnasium.in_place import connect
@@ -25,11 +27,28 @@ from humanplay.web.people import likeness
 from humanplay.web.server import ServerError, run
 from humanplay.web.settings import Settings
 
+ENDING_S = 3.0
+"""How long the server of a program that was killed may take to end."""
+
+
+def free_store(settings: Settings) -> Store:
+    """The database, once the server of a killed program has left it.
+
+    Raises:
+        StoreError: If another server holds it for longer, or it cannot be opened.
+    """
+    until_s = time.monotonic() + ENDING_S
+    while time.monotonic() < until_s:
+        with suppress(InUseError):
+            return Store(settings.database, settings.durable)
+        time.sleep(0.05)
+    return Store(settings.database, settings.durable)
+
 
 def invitations(settings: Settings, people: int) -> list[str]:
     """The tokens of people 1, 2, ...; a database always gives the same ones."""
     sources, tokens = Sources(), []
-    with closing(Store(settings.database, settings.durable)) as store:
+    with closing(free_store(settings)) as store:
         signed = PlayerTokens(store.secret())
         for number in range(1, people + 1):
             player = names.invited(store.connection, number)
