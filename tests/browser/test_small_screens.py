@@ -6,8 +6,9 @@ from humanplay.db.store import Store
 from marsexplorer.config import EnvConfig
 from tests.browser.test_study_page import Participant
 from tests.support.browser import ANIMATED, AS_A_PERSON, NO_3D
+from tests.support.fresh_machine import fresh_server
 from tests.support.recorded import play
-from tests.support.servers import eventually
+from tests.support.servers import RunningServer, eventually
 from tests.support.study import freeze
 
 SMALL = (320, 640)
@@ -97,27 +98,21 @@ def test_on_a_small_phone_a_puzzle_is_answered_and_its_answer_read_without_scrol
     assert len(set(ways)) == 1, "one row"
 
 
-def test_on_a_fresh_machine_a_phone_says_why_it_waits_on_the_board_and_covers_nothing_to_press(
-    small,
+@pytest.mark.alone  # other tests leave no processor to what compiles at the lowest priority
+def test_on_a_fresh_machine_the_board_says_why_it_waits_and_nothing_to_press_is_covered(
+    player, tmp_path
 ):
-    page, held = small.page, []
-
-    def is_compiling(route):
-        answer = route.fetch()
-        reason = {"getting_ready": "getting ready: this is compiled for this machine once"}
-        route.fulfill(response=answer, json={**answer.json(), **reason})
-
-    page.route("**/api/health", is_compiling)
-    page.route("**/api/sessions", lambda route: held.append(route))
-    page.goto(f"{small.url}/")
-    waits = page.get_by_test_id("waits-player")
-    waits.get_by_text("Getting ready: this is compiled for this machine once.").wait_for()
-    for width, height in ((1440, 900), (820, 1180), (390, 844), SMALL):
-        page.set_viewport_size({"width": width, "height": height})
-        assert page.evaluate(COVERED, ["[data-testid^=waits]", ".notices p"]) == [], width
-    held.pop().continue_()
-    small.wait("window.playground.state.player && window.playground.state.link === 'open'")
-    small.shows("waits-player", "")
+    with fresh_server(tmp_path / "cache", tmp_path / "moves.db") as (_, port):
+        me = player(RunningServer(port), [*NO_3D, *AS_A_PERSON], *SMALL, is_new=True)
+        page = me.page
+        page.goto(f"{me.url}/")
+        waits = page.get_by_test_id("waits-player")
+        waits.get_by_text("Getting ready: this is compiled for this machine once").wait_for()
+        for width, height in ((1440, 900), (820, 1180), (390, 844), SMALL):
+            page.set_viewport_size({"width": width, "height": height})
+            assert page.evaluate(COVERED, ["[data-testid^=waits]", ".notices p"]) == [], width
+        me.wait("window.playground.state.player && window.playground.state.link === 'open'")
+        me.shows("waits-player", "")
 
 
 def test_on_a_phone_a_notice_leaves_the_goal_and_the_arrows_in_sight(small):

@@ -208,6 +208,7 @@ def test_the_platforms_sentence_and_the_practice_are_in_the_language(serve, root
     me = person(
         serve, root, platform="prolific", recruitment="panel", outcomes={"finished": "C1DONE"},
         practice={"episodes_to_pass": 1}, question_tries=2,
+        payment={"currency": "GBP", "outcomes": {"withdrew": 1.5}},
         join={"outside_ids": {"PROLIFIC_PID": "1" * 24, "STUDY_ID": "a" * 24, "SESSION_ID": "b" * 24}},
     )  # fmt: skip
     assert "Sie bestehen die Übung, wenn mindestens 1 von 2" in me.where["consent"]["text"]
@@ -216,6 +217,7 @@ def test_the_platforms_sentence_and_the_practice_are_in_the_language(serve, root
     left = me.call("withdraw")
     assert left["ending"]["outcome"] == Outcome.WITHDREW
     assert left["ending"]["sentence"].startswith("Bitte geben Sie Ihre Teilnahme auf Prolific")
+    assert "1,50 GBP" in left["ending"]["sentence"]
 
 
 def test_a_language_that_the_study_does_not_offer_is_answered_in_its_first(serve, root):
